@@ -1,0 +1,94 @@
+# ruff: noqa: N818 - the names say what is wrong, as in models.errors
+"""What the library refuses, each with what to do about it. No protocol codes here: the server translates."""
+
+from pathlib import Path
+
+
+class LibraryError(Exception):
+    """Something the library refuses. The message is one sentence for the person who asked; nothing was stored."""
+
+
+class NotFound(LibraryError):
+    """There is no such thing. ``kind`` is one of skill, version, recipe, job, trace, user, recordings."""
+
+    def __init__(self, kind: str, name: str) -> None:
+        super().__init__(f"there is no {kind} {name!r}: look up the ones there are and check the spelling")
+        self.kind = kind
+        self.name = name
+
+
+class InvalidValue(LibraryError):
+    """A value that cannot be taken. ``field`` names it, ``value`` shows it, ``allowed`` says what can."""
+
+    def __init__(self, field: str, value: object, allowed: str) -> None:
+        shown = ascii(value)
+        shown = shown if len(shown) <= 80 else f"{shown[:77]}..."
+        super().__init__(f"{field} is {shown}: {allowed}")
+        self.field = field
+        self.value = value
+        self.allowed = allowed
+
+
+class NotAllowedInState(LibraryError):
+    """What was asked for is not possible in the state the thing is in now."""
+
+    def __init__(self, what: str, state: str, wanted: str) -> None:
+        super().__init__(f"{what} is {state}: {wanted}")
+        self.what = what
+        self.state = state
+
+
+class DigestDiffers(LibraryError):
+    """The digest named by the caller is not the one of the stored model."""
+
+    def __init__(self, name: str, version: int) -> None:
+        super().__init__(
+            f"the digest given is not that of {name} version {version}: read the version again and decide on that"
+        )
+        self.name = name
+        self.version = version
+
+
+class OwnVersion(LibraryError):
+    """Four eyes: who taught a version cannot approve it."""
+
+    def __init__(self, name: str, version: int, actor: str) -> None:
+        super().__init__(f"{actor} taught {name} version {version} and cannot approve it: ask a second engineer")
+        self.name = name
+        self.version = version
+        self.actor = actor
+
+
+class AlreadyExists(LibraryError):
+    """The name is taken."""
+
+    def __init__(self, kind: str, name: str, remedy: str = "choose another name") -> None:
+        super().__init__(f"the {kind} {name!r} exists already: {remedy}")
+        self.kind = kind
+        self.name = name
+
+
+class InUse(LibraryError):
+    """Something else still needs it."""
+
+    def __init__(self, what: str, because: str, remedy: str) -> None:
+        super().__init__(f"{what} is in use, {because}: {remedy}")
+        self.what = what
+
+
+class LibraryUnusable(LibraryError):
+    """The database cannot be opened, read or written."""
+
+    def __init__(self, where: str, reason: str, remedy: str) -> None:
+        super().__init__(f"the library {where} cannot be used, {reason}: {remedy}")
+        self.where = where
+
+
+class ReaderError(LibraryError):
+    """A file that cannot be read as demonstrations: which file, which line if one is at fault, and what to do."""
+
+    def __init__(self, path: Path, problem: str, remedy: str, line: int | None = None) -> None:
+        place = str(path) if line is None else f"{path}, line {line}"
+        super().__init__(f"{place}: {problem}; {remedy}")
+        self.path = path
+        self.line = line
