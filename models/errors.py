@@ -1,4 +1,4 @@
-"""What can be wrong with demonstrations and options, each with what to do about it."""
+"""What can be wrong with demonstrations, options and models, each with what to do about it."""
 
 
 class SkillError(Exception):
@@ -11,7 +11,46 @@ class SkillError(Exception):
 
 
 class TooFewDemonstrations(SkillError):
-    """Fewer usable demonstrations than a mean needs."""
+    """Fewer usable demonstrations than a mean needs. ``reasons`` tell, one each, why the others are not usable."""
 
-    def __init__(self, usable: int, needed: int) -> None:
-        super().__init__(f"{usable} demonstrations are usable, {needed} are needed: record more, or include some again")
+    def __init__(self, usable: int, needed: int, reasons: tuple[str, ...] = ()) -> None:
+        plural = "demonstration is" if usable == 1 else "demonstrations are"
+        why = f" ({'; '.join(reasons)})" if reasons else ""
+        super().__init__(f"{usable} {plural} usable, {needed} are needed{why}: record more, or include some again")
+        self.usable = usable
+        self.needed = needed
+        self.reasons = reasons
+
+    def __reduce__(self) -> tuple[type["TooFewDemonstrations"], tuple[int, int, tuple[str, ...]]]:
+        """Cross process borders whole: the default would hand the sentence to ``__init__``."""
+        return type(self), (self.usable, self.needed, self.reasons)
+
+
+class UnusableDemonstration(SkillError):
+    """One recording that cannot be learned from; among good ones it becomes a verdict instead."""
+
+
+class MixedDemonstrations(SkillError):
+    """Recordings that do not belong together: two and three dimensions, metres and millimetres, different shapes."""
+
+
+class UnlikelyUnits(SkillError):
+    """Positions that can hardly be metres."""
+
+
+class OptionOutOfRange(SkillError):
+    """A learning option outside what it may be."""
+
+    argument = "options"
+
+
+class UnknownDemonstration(SkillError):
+    """An edit that names a recording or a sample that does not exist."""
+
+    argument = "edits"
+
+
+class InvalidModel(SkillError):
+    """Means and covariances that are no mixture."""
+
+    argument = "model"

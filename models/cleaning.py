@@ -1,0 +1,144 @@
+"""From a recording to a clean motion: gaps, reflections, tremble. All windows are in seconds and millimetres, never in samples."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import median_filter
+
+from models.demonstration import Bools, Demonstration, Floats
+from models.errors import UnusableDemonstration
+
+DESPIKE_WINDOW = 0.15
+DESPIKE_FLOOR = 0.5e-3
+DEVIATION_FROM_MAD = 1.4826
+LONGEST_BRIDGE = 0.3
+SHORTEST_MOTION = 1e-3
+FINEST_STEP = 5e-3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CleanMotion:
+    """A recording without its faults, on an even grid of time.
+
+    ``times`` (n,) in s; ``points`` (n, d) in m; ``triggers`` (n,); ``known`` (n,): False inside gaps too long to bridge;
+    ``orientations`` (n, 4) or None; ``spikes``: raw samples taken for reflections; ``rate`` in samples a second.
+    """
+
+    demonstration_id: str
+    times: Floats
+    points: Floats
+    triggers: Bools
+    known: Bools
+    orientations: Floats | None
+    used: Bools
+    spikes: int
+    gap: float
+
+
+def check(demonstration: Demonstration) -> None:
+    """Raise UnusableDemonstration, with what to do, if this recording is not one of a motion at all."""
+    times, points = demonstration.times, demonstration.points
+    if points.ndim != 2 or points.shape[1] not in {2, 3}:
+        raise UnusableDemonstration(f"positions have shape {points.shape}: two or three columns are needed")
+    count = len(points)
+    if times.shape != (count,) or demonstration.triggers.shape != (count,):
+        raise UnusableDemonstration("times, positions and triggers differ in length: export the recording again")
+    if demonstration.orientations is not None and demonstration.orientations.shape != (count, 4):
+        raise UnusableDemonstration("orientations need four values (x y z w) a sample: export the recording again")
+    if count < 4:
+        raise UnusableDemonstration(f"{count} samples are no motion: record it again")
+    if not np.isfinite(times).all() or not (np.diff(times) > 0).all():
+        raise UnusableDemonstration(
+            "times have to be finite and to rise from sample to sample: export the recording again"
+        )
+    seen = np.isfinite(points).all(axis=1)
+    if int(seen.sum()) < 4:
+        raise UnusableDemonstration("the marker was lost nearly throughout: check the cameras and record it again")
+    if np.abs(points[seen]).max() > 1e6:
+        raise UnusableDemonstration("positions beyond a thousand kilometres: check the export's units")
+    reach = np.ptp(points[seen], axis=0)
+    if float(np.sqrt((reach * reach).sum())) < SHORTEST_MOTION:
+        raise UnusableDemonstration("nothing moves further than 1 mm: record it again")
+
+
+def clean(demonstration: Demonstration, struck: frozenset[int], filter_window: float, despiking: bool) -> CleanMotion:
+    """Return the recording despiked (if asked), bridged and smoothed by a moving average of ``filter_window`` s."""
+    check(demonstration)
+    times = demonstration.times - demonstration.times[0]
+    points = np.array(demonstration.points, dtype=np.float64)
+    usable = np.isfinite(points).all(axis=1)
+    usable[np.fromiter((index for index in struck if index < len(usable)), dtype=np.int64)] = False
+    if int(usable.sum()) < 4:
+        raise UnusableDemonstration("fewer than four samples are left after striking: include some again")
+    spikes = np.zeros(len(points), dtype=bool)
+    if despiking:
+        spikes[usable] = reflections(times[usable], points[usable])
+        usable &= ~spikes
+    first, last = np.flatnonzero(usable)[[0, -1]]
+    kept = np.flatnonzero(usable)
+    step = max(float(np.median(np.diff(times[kept]))), FINEST_STEP if despiking else 0.0)
+    count = max(4, round((times[last] - times[first]) / step) + 1)
+    grid = np.linspace(times[first], times[last], count)
+    smooth = moving_average(
+        _resampled(times[kept], points[kept], grid), round(filter_window * (count - 1) / (grid[-1] - grid[0]))
+    )
+    nearest = np.clip(np.searchsorted(times, grid), 1, len(times) - 1)
+    nearest -= (grid - times[nearest - 1]) < (times[nearest] - grid)
+    orientations = None
+    if demonstration.orientations is not None:
+        orientations = _resampled(times[kept], continuous(demonstration.orientations[kept]), grid)
+        orientations /= np.sqrt((orientations * orientations).sum(axis=1, keepdims=True))
+    spans = np.diff(times[kept])
+    long = np.flatnonzero(spans > np.maximum(LONGEST_BRIDGE, 8 * np.median(spans)))
+    known = np.ones(count, dtype=bool)
+    for gap in long:
+        known &= (grid <= times[kept[gap]]) | (grid >= times[kept[gap + 1]])
+    return CleanMotion(
+        demonstration.demonstration_id,
+        grid,
+        smooth,
+        demonstration.triggers[nearest],
+        known,
+        orientations,
+        usable,
+        int(spikes.sum()),
+        float(spans[long].max()) if len(long) else 0.0,
+    )
+
+
+def reflections(times: Floats, points: Floats) -> Bools:
+    """Return which samples (n,) stand off the median of their neighbours: Hampel's test, over all axes together.
+
+    A sample is one if it is further from the running median (0.15 s) than three deviations (from the running median of
+    those distances) and than 0.5 mm.
+    """
+    half = max(2, round(0.5 * DESPIKE_WINDOW / float(np.median(np.diff(times)))))
+    window = 2 * min(half, (len(points) - 1) // 2) + 1
+    middle = np.column_stack([median_filter(axis, size=window, mode="nearest") for axis in points.T])
+    away = np.sqrt(((points - middle) ** 2).sum(axis=1))
+    usual = DEVIATION_FROM_MAD * median_filter(away, size=window, mode="nearest")
+    return away > np.maximum(3.0 * usual, DESPIKE_FLOOR)
+
+
+def moving_average(points: Floats, window: int) -> Floats:
+    """Return points (n, d) averaged over ``window`` samples; point symmetry at both ends keeps the ends where they are."""
+    half = min(window // 2, (len(points) - 1) // 2)
+    if half < 1:
+        return points
+    before = 2 * points[0] - points[half:0:-1]
+    after = 2 * points[-1] - points[-2 : -half - 2 : -1]
+    sums = np.cumsum(np.concatenate([np.zeros((1, points.shape[1])), before, points, after]), axis=0)
+    width = 2 * half + 1
+    return (sums[width:] - sums[:-width]) / width
+
+
+def continuous(quaternions: Floats) -> Floats:
+    """Return unit quaternions (n, 4) whose sign does not jump from sample to sample."""
+    unit = quaternions / np.sqrt((quaternions * quaternions).sum(axis=1, keepdims=True))
+    turns = (unit[1:] * unit[:-1]).sum(axis=1) < 0
+    signs = np.concatenate([[1.0], np.where(np.cumsum(turns) % 2 == 1, -1.0, 1.0)])
+    return unit * signs[:, None]
+
+
+def _resampled(times: Floats, values: Floats, grid: Floats) -> Floats:
+    return np.column_stack([np.interp(grid, times, column) for column in values.T])

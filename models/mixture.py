@@ -1,0 +1,138 @@
+"""The Gaussian mixture: how it is fitted, and why its means and covariances are the whole of it.
+
+Column 0 of a sample is the clock. A component that covers a stretch of length L of an evenly sampled clock has weight L and
+standard deviation L/sqrt(12), so its prior is known from its covariance: w_k = sqrt(Sigma_11,k) / sum. ``fit_tied`` holds the
+priors to that formula in each maximisation step; then nothing is lost by storing two arrays. ``fit_free`` is expectation
+maximisation as published, through scikit-learn; its priors are dropped and the formula puts others in their place.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from models.demonstration import Floats
+
+REGULARISATION = 1e-6
+TOLERANCE = 1e-5
+ITERATIONS = 200
+LOG_TWO_PI = float(np.log(2.0 * np.pi))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Mixture:
+    """``means`` (K, D) and ``covariances`` (K, D, D); column 0 is the clock. The priors follow from them."""
+
+    means: Floats
+    covariances: Floats
+
+
+def priors(covariances: Floats) -> Floats:
+    """Return the priors (K,) that belong to covariances (K, D, D): w_k = sqrt(Sigma_11,k) / sum."""
+    extents = np.sqrt(covariances[:, 0, 0])
+    return extents / extents.sum()
+
+
+def in_bins(samples: Floats, edges: Floats) -> Mixture:
+    """Return the mixture of the samples (n, D) between each two of the rising clock values ``edges`` (K + 1,)."""
+    component = np.clip(np.searchsorted(edges, samples[:, 0], side="right") - 1, 0, len(edges) - 2)
+    responsibilities = (component[:, None] == np.arange(len(edges) - 1)).astype(np.float64)
+    return _maximise(samples, responsibilities, _floor(samples))
+
+
+def fit_tied(samples: Floats, start: Mixture) -> Mixture:
+    """Return the mixture of samples (n, D) by expectation maximisation from ``start``, its priors tied to the covariances.
+
+    The loop ends when a step adds less than 1e-5 to the mean log-likelihood of a sample.
+    """
+    floor = _floor(samples)
+    mixture, reached = start, -np.inf
+    for _ in range(ITERATIONS):
+        logarithms = _log_joint(samples, mixture)
+        peak = logarithms.max(axis=1, keepdims=True)
+        likelihoods = np.exp(logarithms - peak)
+        total = likelihoods.sum(axis=1, keepdims=True)
+        level = float((np.log(total) + peak).mean())
+        if level - reached < TOLERANCE:
+            break
+        reached = level
+        mixture = _maximise(samples, likelihoods / total, floor)
+    return mixture
+
+
+def fit_free(samples: Floats, start: Mixture) -> Mixture:
+    """Return means and covariances of samples (n, D) by free expectation maximisation (scikit-learn) from ``start``.
+
+    Samples are scaled to unit deviation first, so that scikit-learn's regularisation means the same in every column.
+    One thread: the result must not depend on how many there are.
+    """
+    from sklearn.mixture import GaussianMixture
+
+    centre, scale = samples.mean(axis=0), np.maximum(samples.std(axis=0), 1e-12)
+    scaling = scale[:, None] * scale[None, :]
+    model = GaussianMixture(
+        n_components=len(start.means),
+        covariance_type="full",
+        tol=TOLERANCE,
+        reg_covar=REGULARISATION,
+        max_iter=ITERATIONS,
+        weights_init=priors(start.covariances),
+        means_init=(start.means - centre) / scale,
+        precisions_init=np.linalg.inv(start.covariances / scaling),
+        random_state=0,
+    )
+    with threadpool_limits(limits=1):
+        model.fit((samples - centre) / scale)
+    order = np.argsort(model.means_[:, 0], kind="stable")
+    return Mixture(model.means_[order] * scale + centre, model.covariances_[order] * scaling)
+
+
+def log_likelihood(samples: Floats, mixture: Mixture) -> float:
+    """Return the mean log-likelihood of a sample (nat) under the mixture with its tied priors."""
+    logarithms = _log_joint(samples, mixture)
+    peak = logarithms.max(axis=1, keepdims=True)
+    return float((np.log(np.exp(logarithms - peak).sum(axis=1, keepdims=True)) + peak).mean())
+
+
+def _floor(samples: Floats) -> Floats:
+    """Return what is added to the diagonal (D,), so that samples on one line still have a density."""
+    return REGULARISATION * np.maximum(samples.var(axis=0), 1e-12)
+
+
+def _log_joint(samples: Floats, mixture: Mixture) -> Floats:
+    """Return log w_k + log N(sample; mean_k, covariance_k): shape (n, K). Forward substitution by hand: no threads."""
+    factors = np.linalg.cholesky(mixture.covariances)
+    logarithm = np.log(priors(mixture.covariances))
+    result = np.empty((len(samples), len(mixture.means)))
+    width = samples.shape[1]
+    for k, (mean, factor) in enumerate(zip(mixture.means, factors, strict=True)):
+        white = (samples - mean).T.copy()
+        squares = np.zeros(len(samples))
+        for row in range(width):
+            for column in range(row):
+                white[row] -= factor[row, column] * white[column]
+            white[row] /= factor[row, row]
+            squares += white[row] * white[row]
+        determinant = float(np.log(np.diagonal(factor)).sum())
+        result[:, k] = logarithm[k] - 0.5 * (squares + width * LOG_TWO_PI) - determinant
+    return result
+
+
+def _maximise(samples: Floats, responsibilities: Floats, floor: Floats) -> Mixture:
+    """Return the mixture that the responsibilities (n, K) ask for. The priors need no step: they are tied."""
+    mass = responsibilities.sum(axis=0) + 1e-12
+    components, width = responsibilities.shape[1], samples.shape[1]
+    means = np.empty((components, width))
+    covariances = np.empty((components, width, width))
+    for k in range(components):
+        share = responsibilities[:, k]
+        means[k] = (share[:, None] * samples).sum(axis=0) / mass[k]
+        deviation = (samples - means[k]).T.copy()
+        for row in range(width):
+            weighted = share * deviation[row]
+            for column in range(row + 1):
+                covariances[k, row, column] = covariances[k, column, row] = (weighted * deviation[column]).sum() / mass[
+                    k
+                ]
+        covariances[k, np.arange(width), np.arange(width)] += floor
+    return Mixture(means, covariances)

@@ -1,0 +1,58 @@
+"""The clock of the model: where on the path, rather than when. Arc length of the people's common path, from 0 to 1."""
+
+import numpy as np
+
+from models.cleaning import CleanMotion, moving_average
+from models.demonstration import Floats
+
+RESTING = 0.1
+LENGTH_WINDOW = 0.15
+
+
+def travelled(motion: CleanMotion) -> Floats:
+    """Return how much of its way a motion has gone at each of its samples: (n,), from 0 to 1, rising.
+
+    Trembling at rest is no way: speeds under a tenth of the median hardly count.
+    """
+    step = float(motion.times[1] - motion.times[0])
+    smooth = moving_average(motion.points, round(LENGTH_WINDOW / step))
+    lengths = np.sqrt((np.diff(smooth, axis=0) ** 2).sum(axis=1))
+    moving = lengths[lengths > 0]
+    least = RESTING * float(np.median(moving)) if len(moving) else 0.0
+    counted = np.where(lengths > least, lengths, 1e-3 * lengths) + 1e-9 * float(lengths.sum()) / len(lengths)
+    way = np.concatenate([[0.0], np.cumsum(counted)])
+    return way / way[-1]
+
+
+def arc_lengths(path: Floats) -> Floats:
+    """Return the length in m from the start to each point of a path (n, d)."""
+    return np.concatenate([[0.0], np.cumsum(np.sqrt((np.diff(path, axis=0) ** 2).sum(axis=1)))])
+
+
+def at(positions: Floats, knots: Floats, values: Floats) -> Floats:
+    """Return values (n, m), given at rising ``knots`` (n,), at ``positions`` of any shape: shape (*positions, m)."""
+    return np.stack([np.interp(positions, knots, column) for column in values.T], axis=-1)
+
+
+def corners(path: Floats, tolerance: float) -> tuple[int, ...]:
+    """Return the indices of the corners of a path (n, d), its ends included, by Douglas and Peucker.
+
+    A point is a corner if it is further than ``tolerance`` from the straight line between the corners around it.
+    """
+    found = {0, len(path) - 1}
+    stretches = [(0, len(path) - 1)]
+    while stretches:
+        first, last = stretches.pop()
+        if last - first < 2:
+            continue
+        chord = path[last] - path[first]
+        inner = path[first + 1 : last] - path[first]
+        square = float((chord * chord).sum())
+        along = np.clip((inner * chord).sum(axis=1) / square, 0.0, 1.0) if square > 0 else np.zeros(len(inner))
+        away = np.sqrt(((inner - along[:, None] * chord) ** 2).sum(axis=1))
+        furthest = int(away.argmax())
+        if away[furthest] > tolerance:
+            corner = first + 1 + furthest
+            found.add(corner)
+            stretches += [(first, corner), (corner, last)]
+    return tuple(sorted(found))

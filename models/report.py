@@ -1,0 +1,121 @@
+"""What learning tells: a verdict for each demonstration, the aligned demonstrations, the report an engineer reads."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from enum import StrEnum
+from types import MappingProxyType
+from typing import Any, Literal
+
+from models.demonstration import Bools, Floats
+from models.motion import Motion
+
+Fault = Literal["", "invalid", "odd", "excluded"]
+
+
+class VerdictKind(StrEnum):
+    """What became of a demonstration."""
+
+    USED = "used"
+    USED_IN_PART = "used in part"
+    LEFT_OUT = "left out"
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """What became of one demonstration and why. ``place``: phase 0..1 of what is wrong; ``size`` of it in m."""
+
+    demonstration_id: str
+    kind: VerdictKind
+    reason: str
+    place: float | None
+    size: float | None
+    fault: Fault
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AlignedDemonstration:
+    """A demonstration warped onto the common clock.
+
+    ``phases`` (r,): the phase of each raw sample, NaN where it is not used. ``times`` (m,) in s, ``points`` (m, d) in m and
+    ``triggers`` (m,) of the warped motion; m and the times are common to all aligned demonstrations; points are NaN where this
+    demonstration has nothing to say (let go early, a long gap).
+    """
+
+    demonstration_id: str
+    phases: Floats
+    times: Floats
+    points: Floats
+    triggers: Bools
+
+
+@dataclass(frozen=True, slots=True)
+class DemonstrationError:
+    """Distance in m of one demonstration from the learned path at the same phase: root mean square, largest, and at which phase."""
+
+    demonstration_id: str
+    rms: float
+    max: float
+    place: float
+
+
+@dataclass(frozen=True, slots=True)
+class LearningReport:
+    """What an engineer reads before approving. SI units.
+
+    ``path_error`` is the distance between the learned path and the mean of the aligned demonstrations at equal phase: root mean
+    square and largest, m. ``repeatability`` is the standard deviation of the demonstrations' distance from their mean along
+    the path, at ``repeatability_phases``. ``smoothness`` is the log dimensionless jerk of the path at constant speed: nearer
+    to zero is smoother.
+    """
+
+    preset: str
+    components: int
+    clock: str
+    duration: float
+    length: float
+    path_error: Mapping[str, float]
+    demonstrations: tuple[DemonstrationError, ...]
+    repeatability_phases: tuple[float, ...]
+    repeatability: tuple[float, ...]
+    smoothness: float
+    verdicts: tuple[Verdict, ...]
+    covariance_rule: str
+    notes: tuple[str, ...] = ()
+    options: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the report as JSON-able values."""
+        return {
+            "preset": self.preset,
+            "components": self.components,
+            "clock": self.clock,
+            "duration": self.duration,
+            "length": self.length,
+            "path_error": dict(self.path_error),
+            "demonstrations": [asdict(error) for error in self.demonstrations],
+            "repeatability": {"phases": list(self.repeatability_phases), "deviation": list(self.repeatability)},
+            "smoothness": self.smoothness,
+            "verdicts": [{**asdict(verdict), "kind": verdict.kind.value} for verdict in self.verdicts],
+            "covariance_rule": self.covariance_rule,
+            "notes": list(self.notes),
+            "options": dict(self.options),
+        }
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Cross process borders: a mapping proxy cannot."""
+        values = [getattr(self, name) for name in self.__slots__]
+        return _report, (tuple(dict(value) if isinstance(value, Mapping) else value for value in values),)
+
+
+def _report(values: tuple[Any, ...]) -> LearningReport:
+    return LearningReport(*values)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LearnedMotion:
+    """A motion and how it came about: one verdict for each demonstration given, in order; the aligned ones of those used."""
+
+    motion: Motion
+    verdicts: tuple[Verdict, ...]
+    aligned: tuple[AlignedDemonstration, ...]
+    report: LearningReport
