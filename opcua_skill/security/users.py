@@ -1,0 +1,135 @@
+"""Sign-in with passwords (argon2, off the event loop) and user certificates, and lock-out after failures."""
+
+import asyncio
+import hmac
+import logging
+import time
+from collections import OrderedDict
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Protocol
+
+from argon2 import PasswordHasher
+from argon2.exceptions import Argon2Error, InvalidHashError
+
+from opcua_skill.stack.access import Identity, Peer, Role
+
+log = logging.getLogger(__name__)
+
+# OWASP's second choice for argon2id: 19 MiB and two passes keep a sign-in near 20 ms and a burst of them small.
+_HASHER = PasswordHasher(time_cost=2, memory_cost=19 * 1024, parallelism=1)
+_NOBODY = _HASHER.hash("no user has this password")
+MIN_PASSWORD_LENGTH = 8
+MAX_PASSWORD_BYTES = 1024
+
+
+class StoredUser(Protocol):
+    """A row of the user table. ``certificate`` is a user certificate in DER form, or empty."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def role(self) -> str: ...
+    @property
+    def password_hash(self) -> str: ...
+    @property
+    def certificate(self) -> bytes | None: ...
+
+
+class UserStore(Protocol):
+    """Where users are kept; the skill library's store is one."""
+
+    async def users(self) -> Sequence[StoredUser]:
+        """Return all users."""
+        ...
+
+    async def set_password_hash(self, name: str, password_hash: str) -> object:
+        """Replace a user's password hash."""
+        ...
+
+
+def hash_password(password: str) -> str:
+    """Return the argon2id hash of a password; raises ValueError if it is too short or too long. Takes about 20 ms."""
+    if len(password) < MIN_PASSWORD_LENGTH:
+        raise ValueError(f"a password needs at least {MIN_PASSWORD_LENGTH} characters, this one has {len(password)}")
+    if len(password.encode()) > MAX_PASSWORD_BYTES:
+        raise ValueError(f"a password may have at most {MAX_PASSWORD_BYTES} bytes")
+    return _HASHER.hash(password)
+
+
+@dataclass(frozen=True, slots=True)
+class LockOut:
+    """After ``failures`` wrong sign-ins within ``seconds``, a name is refused from that peer for ``seconds``."""
+
+    failures: int = 5
+    seconds: float = 60.0
+
+
+class Authenticator:
+    """Proves passwords and user certificates against a user store.
+
+    A name is locked for one peer (by its certificate, or its address without one) rather than for all, so that
+    nobody can lock an operator out of another station. Hashing runs in two threads of its own; what waits for them
+    waits without blocking the event loop.
+    """
+
+    def __init__(self, store: UserStore, lock_out: LockOut | None = None) -> None:
+        self._store = store
+        self._lock_out = lock_out or LockOut()
+        self._failures: OrderedDict[tuple[str, bytes], list[float]] = OrderedDict()
+        self._threads = ThreadPoolExecutor(max_workers=2, thread_name_prefix="argon2")
+
+    async def by_password(self, name: str, password: str, peer: Peer) -> Identity | None:
+        """Return the user, or None for a wrong name or password, or while the name is locked for this peer."""
+        key = (name, peer.certificate or peer.address.encode())
+        if self._locked(key):
+            log.warning("sign-in of %r from %s refused: locked after %d failures", name, peer, self._lock_out.failures)
+            return None
+        user = next((user for user in await self._store.users() if user.name == name), None)
+        known = user.password_hash if user is not None and user.password_hash else _NOBODY
+        loop = asyncio.get_running_loop()
+        good = await loop.run_in_executor(self._threads, _verify, known, password)
+        if user is None or known is _NOBODY or not good:
+            self._failed(key)
+            log.warning("sign-in of %r from %s refused: wrong name or password", name, peer)
+            return None
+        self._failures.pop(key, None)
+        if _HASHER.check_needs_rehash(known):
+            stronger = await loop.run_in_executor(self._threads, _HASHER.hash, password)
+            await self._store.set_password_hash(user.name, stronger)
+        return Identity(user.name, Role(user.role))
+
+    async def by_certificate(self, certificate: bytes, peer: Peer) -> Identity | None:
+        """Return the user to whom this certificate (DER) belongs, or None."""
+        for user in await self._store.users():
+            if user.certificate and hmac.compare_digest(bytes(user.certificate), certificate):
+                return Identity(user.name, Role(user.role))
+        log.warning("sign-in by user certificate from %s refused: no user has it", peer)
+        return None
+
+    def close(self) -> None:
+        """Release the hashing threads."""
+        self._threads.shutdown(wait=False, cancel_futures=True)
+
+    def _locked(self, key: tuple[str, bytes]) -> bool:
+        since = time.monotonic() - self._lock_out.seconds
+        recent = [at for at in self._failures.get(key, []) if at > since]
+        return len(recent) >= self._lock_out.failures
+
+    def _failed(self, key: tuple[str, bytes]) -> None:
+        now = time.monotonic()
+        times = self._failures.setdefault(key, [])
+        times[:] = [*(at for at in times if at > now - self._lock_out.seconds), now][-self._lock_out.failures :]
+        self._failures.move_to_end(key)
+        while len(self._failures) > 10_000:
+            self._failures.popitem(last=False)
+
+
+def _verify(known: str, password: str) -> bool:
+    if len(password.encode(errors="surrogatepass")) > MAX_PASSWORD_BYTES:
+        return False
+    try:
+        return _HASHER.verify(known, password)
+    except (Argon2Error, InvalidHashError):
+        return False

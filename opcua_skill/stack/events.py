@@ -1,0 +1,88 @@
+"""Events that reach everybody who listens above their source, and the audit event of a method call."""
+
+import copy
+import logging
+import secrets
+import time
+from datetime import UTC, datetime
+from typing import Any
+
+from asyncua import Node, ua
+from asyncua.common import event_objects
+from asyncua.common.events import Event
+
+from opcua_skill.stack.arguments import builtin_types
+from opcua_skill.stack.calls import CallRecord
+from opcua_skill.stack.types import SERVER, notifiers
+
+log = logging.getLogger(__name__)
+LONGEST_AUDITED_VALUE = 200
+
+
+async def make_notifier(node: Node, parent: Node | None = None) -> None:
+    """Let clients subscribe to events at a node, and let its events rise to ``parent`` (the Server if None)."""
+    await node.set_event_notifier([ua.EventNotifier.SubscribeToEvents])
+    above = parent or Node(node.session, SERVER)
+    await above.add_reference(node, ua.ObjectIds.HasNotifier, forward=True, bidirectional=True)
+
+
+async def deliver(iserver: Any, source: ua.NodeId, event: Event) -> None:
+    """Complete an event (EventId, Time, ReceiveTime, LocalTime, SourceNode, SourceName) and give it to all subscribers
+    of the source, of its notifiers upwards, and of the Server object."""
+    aspace = iserver.aspace
+    now = datetime.now(UTC)
+    _set(event, "EventId", secrets.token_bytes(16), ua.VariantType.ByteString)
+    if getattr(event, "Time", None) is None:
+        _set(event, "Time", now, ua.VariantType.DateTime)
+    _set(event, "ReceiveTime", now, ua.VariantType.DateTime)
+    local = time.localtime(now.timestamp())
+    zone = ua.TimeZoneDataType(Offset=ua.Int16(local.tm_gmtoff // 60), DaylightSavingInOffset=local.tm_isdst > 0)
+    _set(event, "LocalTime", zone, ua.VariantType.ExtensionObject)
+    if getattr(event, "SourceNode", None) is None:
+        _set(event, "SourceNode", source, ua.VariantType.NodeId)
+    if not getattr(event, "SourceName", None):
+        name = aspace.read_attribute_value(source, ua.AttributeIds.BrowseName).Value
+        _set(event, "SourceName", name.Value.Name if name is not None else "", ua.VariantType.String)
+    message = getattr(event, "Message", None)
+    if isinstance(message, str):
+        _set(event, "Message", ua.LocalizedText(message), ua.VariantType.LocalizedText)
+    for field, kind in event.data_types.items():
+        if isinstance(kind, ua.NodeId):  # asyncua's generated classes name some types by their DataType node
+            event.data_types[field] = ua.VariantType(next(iter(builtin_types(aspace, kind))))
+    for notifier in notifiers(aspace, source):
+        heard = copy.copy(event)
+        heard.emitting_node = notifier
+        await iserver.subscription_service.trigger_event(heard)
+
+
+def call_event(record: CallRecord, server_uri: str) -> Event:
+    """Return the AuditUpdateMethodEvent of a call (OPC 10000-5, 6.4.29). Long arguments are described, not repeated."""
+    event = event_objects.AuditUpdateMethodEvent()
+    ended = "done" if not record.reason else f"{record.status_name}: {record.reason}"
+    event.Message = ua.LocalizedText(f"{record.method_name} by {record.caller.name or 'anonymous'}: {ended}")
+    event.Severity = ua.UInt16(200 if not record.reason else 500)
+    event.SourceNode = record.object_id
+    event.SourceName = "Attribute/Call"
+    _set(event, "ActionTimeStamp", datetime.now(UTC), ua.VariantType.DateTime)
+    event.Status = not record.reason
+    event.ServerId = server_uri
+    event.ClientUserId = record.caller.name
+    event.MethodId = record.method_id
+    event.StatusCodeId = ua.StatusCode(record.status)
+    event.InputArguments = [ua.Variant(f"{name}={brief(value)}") for name, value in record.arguments]
+    event.OutputArguments = []
+    return event
+
+
+def brief(value: Any) -> str:
+    """Return a value in words for an audit line: short ones whole, long ones by their size."""
+    if isinstance(value, list | tuple) and len(value) > 8:
+        return f"{type(value[0]).__name__}[{len(value)}]"
+    if isinstance(value, bytes):
+        return value.hex() if len(value) <= 32 else f"{len(value)} bytes"
+    text = str(value)
+    return text if len(text) <= LONGEST_AUDITED_VALUE else f"{text[:LONGEST_AUDITED_VALUE]}… ({len(text)} characters)"
+
+
+def _set(event: Event, name: str, value: Any, kind: ua.VariantType) -> None:
+    event.add_property(name, value, kind)

@@ -1,0 +1,133 @@
+"""The server behind the endpoint: sessions, trust in clients, who may write what, and the checked services."""
+
+import asyncio
+import dataclasses
+import logging
+from collections.abc import Awaitable, Callable
+from datetime import UTC, datetime
+from typing import Any
+
+from asyncua import ua
+from asyncua.common.utils import ServiceError
+from asyncua.crypto.permission_rules import User
+from asyncua.server.internal_server import InternalServer
+from asyncua.server.user_managers import UserManager
+from cryptography import x509
+
+from opcua_skill.security.settings import SecuritySettings
+from opcua_skill.security.trust import TrustList
+from opcua_skill.stack.access import Role, SignIn
+from opcua_skill.stack.calls import CheckedMethods
+from opcua_skill.stack.limits import Limits
+from opcua_skill.stack.sessions import Channel, Session, internal_user
+from opcua_skill.stack.subscriptions import Subscriptions
+
+log = logging.getLogger(__name__)
+Codes = ua.StatusCodes
+_WRITABLE = 1 << ua.AccessLevel.CurrentWrite
+
+
+class _NobodyByDefault(UserManager):
+    """asyncua's synchronous hook. Sign-in never comes here; if it did, the answer would be no."""
+
+    def get_user(
+        self, iserver: Any, username: Any = None, password: Any = None, certificate: Any = None
+    ) -> User | None:
+        return None
+
+
+class SkillInternalServer(InternalServer):
+    """asyncua's internal server with our sessions, methods and subscriptions in it."""
+
+    method_service: CheckedMethods
+    subscription_service: Subscriptions
+
+    def __init__(self, sign_in: SignIn, security: SecuritySettings, limits: Limits) -> None:
+        self.limits = limits
+        self.sign_in = sign_in
+        self.anonymous = security.insecure_anonymous
+        self.trust = None if security.insecure_trust_every_client else TrustList(security.folder)
+        self.on_session_closed: list[Callable[[str], Awaitable[None]]] = []
+        self._write_roles: dict[ua.NodeId, frozenset[Role]] = {}
+        super().__init__(user_manager=_NobodyByDefault())
+        self.allow_remote_admin = False
+        self.method_service.stop()
+        self.method_service = CheckedMethods(self.aspace)
+        self.subscription_service = Subscriptions(self.aspace, self)
+        self.isession = Session(
+            self, self.aspace, self.subscription_service, "Internal", user=internal_user(), external=False
+        )
+        self.current_time_node.session = self.isession
+        self.server_status_node.session = self.isession
+        self.max_session_timeout_ms = limits.session_timeout_ms
+        self.max_subscriptions = limits.subscriptions
+        self.max_monitored_item_queue_size = limits.queue_of_item
+        self.max_unacked_messages_per_subscription = limits.unacknowledged_messages
+        self.max_connections = limits.connections
+        self.max_pending_activation_seconds = limits.activation_timeout
+
+    def create_session(self, name: str, user: User | None = None, external: bool = False) -> Session:
+        """Return a new session; a network client's is nobody's until it is activated."""
+        return Session(self, self.aspace, self.subscription_service, name, user=user or User(), external=external)
+
+    async def make_room_for_session(self) -> None:
+        """Close the session that has been without a connection for longest, or refuse when there is none."""
+        if len(self._external_sessions) < self.limits.sessions:
+            return
+        left = [s for s in self._external_sessions.values() if isinstance(s, Session) and not _connected(s)]
+        if not left:
+            raise ServiceError(Codes.BadTooManySessions)
+        await max(left, key=Session.idle_for).close_session(True)
+
+    async def admit_client(self, channel: Channel | None, params: ua.CreateSessionParameters) -> None:
+        """Refuse a client whose channel's certificate is not trusted, not its own, or not valid now."""
+        if channel is None or not channel.peer.certificate:
+            return
+        der = channel.peer.certificate
+        if bytes(params.ClientCertificate or b"")[: len(der)] != der:
+            raise ServiceError(Codes.BadCertificateInvalid)
+        certificate = x509.load_der_x509_certificate(der)
+        if not certificate.not_valid_before_utc <= datetime.now(UTC) <= certificate.not_valid_after_utc:
+            raise ServiceError(Codes.BadCertificateTimeInvalid)
+        if params.ClientDescription.ApplicationUri not in _uris(certificate):
+            raise ServiceError(Codes.BadCertificateUriInvalid)
+        if self.trust is not None and not await asyncio.to_thread(self.trust.is_trusted, certificate):
+            await asyncio.to_thread(self.trust.reject, certificate)
+            log.warning(
+                "client certificate %s from %s is not trusted", certificate.subject.rfc4514_string(), channel.peer
+            )
+            raise ServiceError(Codes.BadCertificateUntrusted)
+
+    async def session_closed(self, session: Session) -> None:
+        """Tell those who hold something for a session that it is over. One that fails does not silence the others."""
+        for hook in self.on_session_closed:
+            try:
+                await hook(session.session_id.to_string())
+            except Exception:
+                log.exception("a hook on the end of a session failed")
+
+    def restrict_writes(self, node_id: ua.NodeId, roles: frozenset[Role]) -> None:
+        """Say who may write a variable; without this a writable variable may be written from operator upwards."""
+        self._write_roles[node_id] = roles
+
+    def may_write(self, node_id: ua.NodeId, role: Role) -> bool:
+        """Return whether a role may write a variable that is writable at all."""
+        return role in self._write_roles.get(node_id, Role.OPERATOR.and_above)
+
+    def user_access_level(self, node_id: ua.NodeId, role: Role, told: ua.DataValue) -> ua.DataValue:
+        """Return a UserAccessLevel without the right to write for a role that may not."""
+        if told.Value is None or self.may_write(node_id, role) or not told.Value.Value & _WRITABLE:
+            return told
+        return dataclasses.replace(told, Value=ua.Variant(told.Value.Value & ~_WRITABLE, ua.VariantType.Byte))
+
+
+def _connected(session: Session) -> bool:
+    return session.processor is not None and not session.processor._transport.is_closing()
+
+
+def _uris(certificate: x509.Certificate) -> list[str]:
+    try:
+        names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+    except x509.ExtensionNotFound:
+        return []
+    return names.get_values_for_type(x509.UniformResourceIdentifier)

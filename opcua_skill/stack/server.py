@@ -1,0 +1,175 @@
+"""The server's front: starts safe, says what is not, and delivers events to everybody who may hear them."""
+
+import asyncio
+import logging
+import math
+from pathlib import Path
+from typing import Any
+
+import asyncua
+from asyncua import Node, Server, ua
+from asyncua.common.events import Event
+from asyncua.server.binary_server_asyncio import BinaryServer, OPCUAProtocol
+
+from opcua_skill.security.certificates import ApplicationCertificate, ensure_server_certificate
+from opcua_skill.security.settings import SecuritySettings
+from opcua_skill.stack.access import SignIn
+from opcua_skill.stack.calls import CallRecord, OnCall
+from opcua_skill.stack.events import call_event, deliver
+from opcua_skill.stack.internal import SkillInternalServer
+from opcua_skill.stack.limits import Limits
+from opcua_skill.stack.processor import Processor
+
+log = logging.getLogger(__name__)
+ASYNCUA_VERSION = "2.1.0"
+_POLICIES = {
+    "Basic256Sha256": ua.SecurityPolicyType.Basic256Sha256_SignAndEncrypt,
+    "Aes128_Sha256_RsaOaep": ua.SecurityPolicyType.Aes128Sha256RsaOaep_SignAndEncrypt,
+    "Aes256_Sha256_RsaPss": ua.SecurityPolicyType.Aes256Sha256RsaPss_SignAndEncrypt,
+}
+
+
+class WrongAsyncua(RuntimeError):
+    """The stack reaches into asyncua; only the version it was tested with may run."""
+
+    def __init__(self, found: str) -> None:
+        super().__init__(f"asyncua {found} is installed, the server runs with {ASYNCUA_VERSION} only: install that one")
+
+
+class SkillServer(Server):
+    """An OPC UA server a plant can leave running.
+
+    ``await init()`` loads the address space and makes or loads the certificate, ``await start()`` opens the endpoint.
+    ``on_call`` is awaited after every call of a method that changes something, and after every refusal; then the audit
+    event is raised, so what is told has been written.
+    """
+
+    iserver: SkillInternalServer
+
+    def __init__(
+        self,
+        authenticate: SignIn,
+        security: SecuritySettings,
+        *,
+        on_call: OnCall | None = None,
+        limits: Limits | None = None,
+    ) -> None:
+        if asyncua.__version__ != ASYNCUA_VERSION:
+            raise WrongAsyncua(asyncua.__version__)
+        self.security = security
+        self.stack_limits = limits or Limits()
+        self.certificate: ApplicationCertificate | None = None
+        self._on_call = on_call
+        super().__init__(iserver=SkillInternalServer(authenticate, security, self.stack_limits))
+        self.iserver.method_service.on_call = self._called
+        self.name = security.application_name
+        self.set_endpoint(security.endpoint)
+        self.application_type = ua.ApplicationType.Server
+        self._application_uri = security.application_uri
+        self.product_uri = "urn:opcua-skill"
+        self.manufacturer_name = "opcua-skill"
+        tokens: list[type] = [ua.UserNameIdentityToken, ua.X509IdentityToken]
+        self.set_identity_tokens([*tokens, ua.AnonymousIdentityToken] if security.insecure_anonymous else tokens)
+        policies = [_POLICIES[name] for name in security.policies]
+        self.set_security_policy([*policies, ua.SecurityPolicyType.NoSecurity] if self._no_encryption else policies)
+        self.limits.max_message_size = self.stack_limits.largest_message
+        self.limits.max_chunk_count = math.ceil(self.stack_limits.largest_message / 8192) + 1
+
+    @property
+    def _no_encryption(self) -> bool:
+        return self.security.insecure_no_encryption
+
+    @property
+    def insecure(self) -> tuple[str, ...]:
+        """Return in words what protects less than it should: empty for a server as it comes."""
+        return self.security.insecure
+
+    @property
+    def url(self) -> str:
+        """Return the address clients connect to, with the port that was really taken."""
+        if self.bserver is None:
+            return self.endpoint.geturl()
+        host = self.endpoint.hostname or "127.0.0.1"
+        return self.endpoint._replace(netloc=f"{host}:{self.bserver.port}").geturl()
+
+    async def init(self, shelf_file: Path | None = None) -> None:
+        """Load the standard address space, and make or load the server's key and certificate."""
+        await super().init(shelf_file)
+        hosts = tuple(name for name in (self.endpoint.hostname, *self.security.host_names) if name)
+        self.certificate = await asyncio.to_thread(
+            ensure_server_certificate,
+            self.security.folder,
+            self.security.application_uri,
+            self.security.application_name,
+            hosts,
+        )
+        await self.load_certificate(self.certificate.certificate_file)
+        await self.load_private_key(self.certificate.key_file)
+
+    async def start(self) -> None:
+        """Open the endpoint. Insecure settings are said in the log before the first client can connect."""
+        for words in self.insecure:
+            log.warning("insecure by configuration: %s", words)
+        await self._setup_server_nodes()
+        await self.iserver.start()
+        host, port = self._get_bind_socket_info()
+        try:
+            self.bserver = SkillBinaryServer(self.iserver, host or "", port or 0, self.limits)
+            self.bserver.set_policies(self._policies)
+            await self.bserver.start()
+        except BaseException:
+            await self.iserver.stop()
+            raise
+        self._tell_real_port()
+        log.info("listening on %s", self.url)
+
+    async def stop(self) -> None:
+        """Close every connection and stop; calls that are still changing something get a moment to end."""
+        await self.iserver.method_service.drain(5.0)
+        await super().stop()
+
+    async def raise_event(self, node: Node | ua.NodeId, event: Event) -> None:
+        """Give an event to the subscribers of a node, of its notifiers upwards, and of the Server object."""
+        await deliver(self.iserver, node.nodeid if isinstance(node, Node) else node, event)
+
+    def restrict_writes(self, node: Node | ua.NodeId, roles: Any) -> None:
+        """Say which roles may write a variable; without this a writable one may be written from operator upwards."""
+        self.iserver.restrict_writes(node.nodeid if isinstance(node, Node) else node, frozenset(roles))
+
+    async def _called(self, record: CallRecord) -> None:
+        if self._on_call is not None:
+            await self._on_call(record)
+        await self.raise_event(record.object_id, call_event(record, self.security.application_uri))
+
+    def _tell_real_port(self) -> None:
+        """Put the port that was taken into the endpoint descriptions when port 0 asked for a free one."""
+        if self.endpoint.port:
+            return
+        for endpoint in self.iserver.endpoints:
+            endpoint.EndpointUrl = self.url
+            endpoint.Server.DiscoveryUrls = [self.url]
+
+    def _set_endpoints(self, policy: Any, mode: ua.MessageSecurityMode, level: int) -> None:
+        super()._set_endpoints(policy, mode, level)
+        for endpoint in self.iserver.endpoints:
+            for token in endpoint.UserIdentityTokens:
+                if (
+                    token.TokenType == ua.UserTokenType.UserName
+                    and endpoint.SecurityMode != ua.MessageSecurityMode.None_
+                ):
+                    token.SecurityPolicyUri = endpoint.SecurityPolicyUri
+
+
+class _Protocol(OPCUAProtocol):
+    def connection_made(self, transport: Any) -> None:
+        super().connection_made(transport)
+        if self.processor is not None:
+            self.processor = Processor(self.iserver, self.transport, self.limits)
+            self.processor.set_policies(self.policies)
+
+
+class SkillBinaryServer(BinaryServer):
+    """Accepts connections."""
+
+    def _make_protocol(self) -> OPCUAProtocol:
+        return _Protocol(self.iserver, self._policies, self.clients, self.closing_tasks, self.limits)
