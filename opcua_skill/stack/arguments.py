@@ -1,4 +1,4 @@
-"""From Variant to Python value and back, by the declared data type; whatever does not fit is told apart, not guessed."""
+"""From Variant to Python value and back, by the declared data type; what does not fit is told apart, not guessed."""
 
 import dataclasses
 import functools
@@ -9,19 +9,22 @@ from typing import Any
 
 from asyncua import ua
 from asyncua.server.address_space import AddressSpace
+from asyncua.ua.object_ids import ObjectIds as Ids
+
+from opcua_skill.stack.values import node_id
 
 ArgumentCheck = Callable[[ua.Variant], tuple[bool, Any]]
 """Returns whether a Variant fits, and its Python value (with null strings and arrays as empty ones) if it does."""
 
 _NUMBERS = frozenset(range(2, 12))
 _ABSTRACT: dict[int, frozenset[int]] = {
-    ua.ObjectIds.BaseDataType: frozenset(range(1, 26)),
-    ua.ObjectIds.Number: _NUMBERS,
-    ua.ObjectIds.Integer: frozenset({2, 4, 6, 8}),
-    ua.ObjectIds.UInteger: frozenset({3, 5, 7, 9}),
-    ua.ObjectIds.Enumeration: frozenset({6}),
+    Ids.BaseDataType: frozenset(range(1, 26)),
+    Ids.Number: _NUMBERS,
+    Ids.Integer: frozenset({2, 4, 6, 8}),
+    Ids.UInteger: frozenset({3, 5, 7, 9}),
+    Ids.Enumeration: frozenset({6}),
 }
-_HAS_SUBTYPE = ua.NodeId(ua.ObjectIds.HasSubtype)
+_HAS_SUBTYPE = node_id(Ids.HasSubtype)
 
 
 def builtin_types(aspace: AddressSpace, data_type: ua.NodeId) -> frozenset[int]:
@@ -81,7 +84,7 @@ def compile_check(aspace: AddressSpace, data_type: ua.NodeId, rank: int) -> Argu
 
 
 def output_variant(aspace: AddressSpace, data_type: ua.NodeId, rank: int, value: Any) -> ua.Variant:
-    """Return a handler's output as a Variant of the declared type. A Variant is passed on; an ndarray becomes a list."""
+    """Return a handler's output as a Variant of the declared type; a Variant is passed on as it is."""
     if isinstance(value, ua.Variant):
         return value
     if hasattr(value, "tolist"):
@@ -124,7 +127,7 @@ def _nullable_fields(structure: type) -> tuple[tuple[str, Callable[[], Any]], ..
 
 
 def _without_nulls(value: Any) -> Any:
-    if not dataclasses.is_dataclass(value):
+    if isinstance(value, type) or not dataclasses.is_dataclass(value):
         return value
     missing = {name: make() for name, make in _nullable_fields(type(value)) if getattr(value, name) is None}
-    return dataclasses.replace(value, **missing) if missing else value
+    return type(value)(**{**vars(value), **missing}) if missing else value

@@ -8,14 +8,18 @@ from contextvars import ContextVar
 from dataclasses import dataclass, field
 from typing import Any
 
-from asyncua import Node, ua
+from asyncua import ua
+from asyncua.common.node import Node
 from asyncua.server.address_space import AddressSpace, MethodService
+from asyncua.ua.attribute_ids import AttributeIds
+from asyncua.ua.object_ids import ObjectIds as Ids
+from asyncua.ua.status_codes import StatusCodes as Codes
 
 from opcua_skill.stack.access import Caller, Role, caller
 from opcua_skill.stack.arguments import ArgumentCheck, compile_check, output_variant
+from opcua_skill.stack.values import node_id, status, status_name
 
 log = logging.getLogger(__name__)
-Codes = ua.StatusCodes
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,8 +56,8 @@ class MethodSpec:
     time_limit: float = 10.0
 
 
-class Refused(Exception):
-    """Raised by a handler to refuse a call: the status code, one sentence of reason, and which arguments are at fault."""
+class Refused(Exception):  # noqa: N818
+    """Raised by a handler to refuse a call: the status code, a sentence of reason, which arguments are at fault."""
 
     def __init__(self, code: int, reason: str, *, arguments: Mapping[str, int] | None = None) -> None:
         super().__init__(reason)
@@ -81,7 +85,7 @@ class CallRecord:
     @property
     def status_name(self) -> str:
         """Return the status code in words, such as BadUserAccessDenied."""
-        return ua.StatusCode(self.status).name
+        return status_name(self.status)
 
 
 OnCall = Callable[[CallRecord], Awaitable[None]]
@@ -161,7 +165,7 @@ class CheckedMethods(MethodService):
             ref for ref in self._aspace[object_id].references if ref.IsForward and ref.NodeClass == ua.NodeClass.Method
         ]
         if not any(ref.NodeId == method_id for ref in own):
-            name = self._aspace[method_id].attributes[ua.AttributeIds.BrowseName].value
+            name = self._aspace[method_id].attributes[AttributeIds.BrowseName].value
             wanted = name.Value.Value if name and name.Value else None
             same = [ref.NodeId for ref in own if ref.BrowseName == wanted]
             if not (same and self._declared_by_type(object_id, method_id)):
@@ -173,14 +177,14 @@ class CheckedMethods(MethodService):
         return method_id
 
     def _declared_by_type(self, object_id: ua.NodeId, method_id: ua.NodeId) -> bool:
-        follow, node = ua.ObjectIds.HasTypeDefinition, self._aspace.get(object_id)
+        follow, node = Ids.HasTypeDefinition, self._aspace.get(object_id)
         while node is not None:
             if any(ref.NodeId == method_id and ref.IsForward for ref in node.references):
                 return True
-            forward = follow == ua.ObjectIds.HasTypeDefinition
-            link = ua.NodeId(follow)
+            forward = follow == Ids.HasTypeDefinition
+            link = node_id(follow)
             above = [r.NodeId for r in node.references if r.ReferenceTypeId == link and r.IsForward == forward]
-            node, follow = (self._aspace.get(above[0]) if above else None), ua.ObjectIds.HasSubtype
+            node, follow = (self._aspace.get(above[0]) if above else None), Ids.HasSubtype
         return False
 
     def _admit(self, found: _Method, method_id: ua.NodeId, given: list[ua.Variant]) -> list[Any]:
@@ -188,7 +192,7 @@ class CheckedMethods(MethodService):
         spec, who = found.spec, caller()
         if who.role not in spec.roles:
             raise Refused(Codes.BadUserAccessDenied, f"the role {who.role} may not call {spec.name}")
-        executable = self._aspace.read_attribute_value(method_id, ua.AttributeIds.Executable)
+        executable = self._aspace.read_attribute_value(method_id, AttributeIds.Executable)
         if executable.Value is not None and executable.Value.Value is False:
             raise Refused(Codes.BadNotExecutable, f"{spec.name} cannot be called now")
         if len(given) != len(spec.inputs):
@@ -216,7 +220,7 @@ class CheckedMethods(MethodService):
             async with asyncio.timeout(spec.time_limit):
                 outputs = await spec.handler(*values)
             result = ua.CallMethodResult()
-            result.InputArgumentResults = [ua.StatusCode() for _ in given]
+            result.InputArgumentResults = [status() for _ in given]
             result.OutputArguments = [
                 output_variant(self._aspace, argument.data_type, argument.rank, value)
                 for argument, value in zip(spec.outputs, outputs, strict=True)
@@ -246,10 +250,10 @@ class CheckedMethods(MethodService):
         refusal: Refused,
     ) -> ua.CallMethodResult:
         result = ua.CallMethodResult()
-        result.StatusCode = ua.StatusCode(refusal.code)
+        result.StatusCode = status(refusal.code)
         if spec is not None and len(given) == len(spec.inputs):
             result.InputArgumentResults = [
-                ua.StatusCode(refusal.arguments.get(argument.name, Codes.Good)) for argument in spec.inputs
+                status(refusal.arguments.get(argument.name, Codes.Good)) for argument in spec.inputs
             ]
         await self._record(object_id, method_id, spec, given, refusal.code, refusal.reason)
         return result
@@ -301,7 +305,7 @@ async def add_method(
     node = await parent.add_method(node_id, browse_name, spec.handler, inputs, outputs)
     if spec.description:
         await node.write_attribute(
-            ua.AttributeIds.Description, ua.DataValue(ua.Variant(ua.LocalizedText(spec.description)))
+            AttributeIds.Description, ua.DataValue(ua.Variant(ua.LocalizedText(spec.description)))
         )
     server.iserver.method_service.register(node.nodeid, spec)
     return node

@@ -7,13 +7,17 @@ import time
 from datetime import UTC, datetime
 from typing import Any
 
-from asyncua import Node, ua
+from asyncua import ua
 from asyncua.common import event_objects
 from asyncua.common.events import Event
+from asyncua.common.node import Node
+from asyncua.ua.attribute_ids import AttributeIds
+from asyncua.ua.object_ids import ObjectIds as Ids
 
 from opcua_skill.stack.arguments import builtin_types
 from opcua_skill.stack.calls import CallRecord
-from opcua_skill.stack.types import SERVER, notifiers
+from opcua_skill.stack.types import notifiers
+from opcua_skill.stack.values import SERVER, status
 
 log = logging.getLogger(__name__)
 LONGEST_AUDITED_VALUE = 200
@@ -23,7 +27,7 @@ async def make_notifier(node: Node, parent: Node | None = None) -> None:
     """Let clients subscribe to events at a node, and let its events rise to ``parent`` (the Server if None)."""
     await node.set_event_notifier([ua.EventNotifier.SubscribeToEvents])
     above = parent or Node(node.session, SERVER)
-    await above.add_reference(node, ua.ObjectIds.HasNotifier, forward=True, bidirectional=True)
+    await above.add_reference(node, Ids.HasNotifier, forward=True, bidirectional=True)
 
 
 async def deliver(iserver: Any, source: ua.NodeId, event: Event) -> None:
@@ -41,7 +45,7 @@ async def deliver(iserver: Any, source: ua.NodeId, event: Event) -> None:
     if getattr(event, "SourceNode", None) is None:
         _set(event, "SourceNode", source, ua.VariantType.NodeId)
     if not getattr(event, "SourceName", None):
-        name = aspace.read_attribute_value(source, ua.AttributeIds.BrowseName).Value
+        name = aspace.read_attribute_value(source, AttributeIds.BrowseName).Value
         _set(event, "SourceName", name.Value.Name if name is not None else "", ua.VariantType.String)
     message = getattr(event, "Message", None)
     if isinstance(message, str):
@@ -59,18 +63,19 @@ def call_event(record: CallRecord, server_uri: str) -> Event:
     """Return the AuditUpdateMethodEvent of a call (OPC 10000-5, 6.4.29). Long arguments are described, not repeated."""
     event = event_objects.AuditUpdateMethodEvent()
     ended = "done" if not record.reason else f"{record.status_name}: {record.reason}"
-    event.Message = ua.LocalizedText(f"{record.method_name} by {record.caller.name or 'anonymous'}: {ended}")
-    event.Severity = ua.UInt16(200 if not record.reason else 500)
-    event.SourceNode = record.object_id
-    event.SourceName = "Attribute/Call"
+    message = f"{record.method_name} by {record.caller.name or 'anonymous'}: {ended}"
+    arguments = [ua.Variant(f"{name}={brief(value)}") for name, value in record.arguments]
+    _set(event, "Message", ua.LocalizedText(message), ua.VariantType.LocalizedText)
+    _set(event, "Severity", 500 if record.reason else 200, ua.VariantType.UInt16)
+    _set(event, "SourceNode", record.object_id, ua.VariantType.NodeId)
+    _set(event, "SourceName", "Attribute/Call", ua.VariantType.String)
     _set(event, "ActionTimeStamp", datetime.now(UTC), ua.VariantType.DateTime)
-    event.Status = not record.reason
-    event.ServerId = server_uri
-    event.ClientUserId = record.caller.name
-    event.MethodId = record.method_id
-    event.StatusCodeId = ua.StatusCode(record.status)
-    event.InputArguments = [ua.Variant(f"{name}={brief(value)}") for name, value in record.arguments]
-    event.OutputArguments = []
+    _set(event, "Status", not record.reason, ua.VariantType.Boolean)
+    _set(event, "ServerId", server_uri, ua.VariantType.String)
+    _set(event, "ClientUserId", record.caller.name, ua.VariantType.String)
+    _set(event, "MethodId", record.method_id, ua.VariantType.NodeId)
+    _set(event, "StatusCodeId", status(record.status), ua.VariantType.StatusCode)
+    _set(event, "InputArguments", arguments, ua.VariantType.Variant)
     return event
 
 

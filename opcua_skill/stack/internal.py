@@ -12,6 +12,7 @@ from asyncua.common.utils import ServiceError
 from asyncua.crypto.permission_rules import User
 from asyncua.server.internal_server import InternalServer
 from asyncua.server.user_managers import UserManager
+from asyncua.ua.status_codes import StatusCodes as Codes
 from cryptography import x509
 
 from opcua_skill.security.settings import SecuritySettings
@@ -23,7 +24,6 @@ from opcua_skill.stack.sessions import Channel, Session, internal_user
 from opcua_skill.stack.subscriptions import Subscriptions
 
 log = logging.getLogger(__name__)
-Codes = ua.StatusCodes
 _WRITABLE = 1 << ua.AccessLevel.CurrentWrite
 
 
@@ -40,7 +40,7 @@ class SkillInternalServer(InternalServer):
     """asyncua's internal server with our sessions, methods and subscriptions in it."""
 
     method_service: CheckedMethods
-    subscription_service: Subscriptions
+    subscription_service: Subscriptions  # pyright: ignore[reportIncompatibleVariableOverride]
 
     def __init__(self, sign_in: SignIn, security: SecuritySettings, limits: Limits) -> None:
         self.limits = limits

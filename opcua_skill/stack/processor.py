@@ -9,19 +9,21 @@ from asyncua import ua
 from asyncua.common.utils import NotEnoughData, ServiceError
 from asyncua.server.internal_session import SessionState
 from asyncua.server.uaprocessor import UaProcessor
+from asyncua.ua.object_ids import ObjectIds as Ids
+from asyncua.ua.status_codes import StatusCodes as Codes
 from asyncua.ua.ua_binary import nodeid_from_binary, struct_from_binary
+from asyncua.ua.uaerrors import UaStatusCodeError
 from cryptography.exceptions import InvalidSignature
 
 from opcua_skill.stack.access import Peer
 from opcua_skill.stack.sessions import Channel, Session, current_channel
 from opcua_skill.stack.sign_in import prove_identity
+from opcua_skill.stack.values import status
 
 if TYPE_CHECKING:
     from opcua_skill.stack.internal import SkillInternalServer
 
 log = logging.getLogger(__name__)
-Codes = ua.StatusCodes
-Ids = ua.ObjectIds
 
 _WITHOUT_SESSION = frozenset(
     {
@@ -35,8 +37,8 @@ _WITHOUT_SESSION = frozenset(
 class Processor(UaProcessor):
     """Handles the requests of one connection, one after another."""
 
-    iserver: "SkillInternalServer"
-    session: Session | None
+    iserver: "SkillInternalServer"  # pyright: ignore[reportIncompatibleVariableOverride]
+    session: Session | None  # pyright: ignore[reportIncompatibleVariableOverride]
 
     def __init__(self, internal_server: Any, transport: Any, limits: Any) -> None:
         super().__init__(internal_server, transport, limits)
@@ -58,7 +60,7 @@ class Processor(UaProcessor):
             header = struct_from_binary(ua.RequestHeader, body)
             handle = header.RequestHandle
             return bool(await self._process_message(typeid, header, seqhdr, body))
-        except (ServiceError, ua.uaerrors.UaStatusCodeError) as error:
+        except (ServiceError, UaStatusCodeError) as error:
             code = error.code
         except InvalidSignature:
             code = Codes.BadApplicationSignatureInvalid
@@ -68,9 +70,9 @@ class Processor(UaProcessor):
             fault = secrets.token_hex(4)
             log.exception("fault %s in a request of %s", fault, self.name)
             code = Codes.BadInternalError
-        log.info("fault %s to %s", ua.StatusCode(code).name, self.name)
+        log.info("fault %s to %s", status(code).name, self.name)
         response = ua.ServiceFault()
-        response.ResponseHeader.ServiceResult = ua.StatusCode(code)
+        response.ResponseHeader.ServiceResult = status(code)
         self.send_response(handle, seqhdr, response)
         return True
 
@@ -165,13 +167,13 @@ class Processor(UaProcessor):
 
     def _take_over(self, session: Session) -> None:
         """Move a session of the same client and user from its old connection to this one."""
-        old, self.session, session.processor = session.processor, session, self
+        old, session.processor = session.processor, self
+        self.session = session
         self._closing = False
         self._session_watchdog_task = asyncio.create_task(self._session_watchdog_loop())
-        for subscription in self.iserver.subscription_service.subscriptions.values():
-            if subscription.session_id == session.session_id:
-                subscription.pub_result_callback = self.forward_publish_response
-                subscription.pub_request_callback = self.get_publish_request
+        self.iserver.subscription_service.rebind(
+            session.session_id, self.forward_publish_response, self.get_publish_request
+        )
         if old is not None and old is not self:
             old.session = None
             old._transport.close()

@@ -7,9 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import asyncua
-from asyncua import Node, Server, ua
+from asyncua import ua
 from asyncua.common.events import Event
+from asyncua.common.node import Node
 from asyncua.server.binary_server_asyncio import BinaryServer, OPCUAProtocol
+from asyncua.server.server import Server
 
 from opcua_skill.security.certificates import ApplicationCertificate, ensure_server_certificate
 from opcua_skill.security.settings import SecuritySettings
@@ -29,7 +31,7 @@ _POLICIES = {
 }
 
 
-class WrongAsyncua(RuntimeError):
+class WrongAsyncua(RuntimeError):  # noqa: N818
     """The stack reaches into asyncua; only the version it was tested with may run."""
 
     def __init__(self, found: str) -> None:
@@ -44,7 +46,7 @@ class SkillServer(Server):
     event is raised, so what is told has been written.
     """
 
-    iserver: SkillInternalServer
+    iserver: SkillInternalServer  # pyright: ignore[reportIncompatibleVariableOverride]
 
     def __init__(
         self,

@@ -11,15 +11,17 @@ from asyncua import ua
 from asyncua.common.utils import ServiceError, create_nonce
 from asyncua.crypto.permission_rules import User, UserRole
 from asyncua.server.internal_session import InternalSession, SessionState
+from asyncua.ua.attribute_ids import AttributeIds
+from asyncua.ua.status_codes import StatusCodes as Codes
 
 from opcua_skill.stack.access import Caller, Identity, Peer, Role, SignedIn, calling_as
+from opcua_skill.stack.values import node_id, status
 
 if TYPE_CHECKING:
     from opcua_skill.stack.internal import SkillInternalServer
     from opcua_skill.stack.processor import Processor
 
 log = logging.getLogger(__name__)
-Codes = ua.StatusCodes
 _SERVER_ITSELF = Caller(name="server", role=Role.ADMIN, session_id="internal", peer="")
 
 
@@ -43,7 +45,7 @@ current_channel: ContextVar[Channel] = ContextVar("opcua_skill_channel")
 class Session(InternalSession):
     """A session of a client, or the server's own internal one (``external`` False)."""
 
-    iserver: "SkillInternalServer"
+    iserver: "SkillInternalServer"  # pyright: ignore[reportIncompatibleVariableOverride]
 
     def __init__(self, internal_server: Any, aspace: Any, submgr: Any, name: str, user: User, external: bool) -> None:
         super().__init__(internal_server, aspace, submgr, name, user=user, external=external)
@@ -53,8 +55,8 @@ class Session(InternalSession):
         if external:
             self.channel = current_channel.get()
             self.iserver.unregister_external_session(self)
-            self.auth_token = ua.NodeId(secrets.token_bytes(32), 0, ua.NodeIdType.ByteString)
-            self.session_id = ua.NodeId(secrets.token_bytes(16), 1, ua.NodeIdType.ByteString)
+            self.auth_token = node_id(secrets.token_bytes(32))
+            self.session_id = node_id(secrets.token_bytes(16), 1)
             self.iserver.register_external_session(self)
 
     @property
@@ -84,7 +86,7 @@ class Session(InternalSession):
         self._start_timeout_watchdog()
         result = ua.ActivateSessionResult()
         result.ServerNonce = self.nonce
-        result.Results = [ua.StatusCode() for _ in params.ClientSoftwareCertificates or []]
+        result.Results = [status() for _ in params.ClientSoftwareCertificates or []]
         return result
 
     async def close_session(self, delete_subs: bool = True) -> None:
@@ -100,10 +102,10 @@ class Session(InternalSession):
         results = await super().read(params)
         if self.external:
             for place, wanted in enumerate(params.NodesToRead):
-                if wanted.AttributeId == ua.AttributeIds.UserExecutable and results[place].Value is not None:
+                if wanted.AttributeId == AttributeIds.UserExecutable and results[place].Value is not None:
                     may = self.iserver.method_service.executable_by(wanted.NodeId, self.identity.role)
                     results[place] = ua.DataValue(ua.Variant(may, ua.VariantType.Boolean))
-                elif wanted.AttributeId == ua.AttributeIds.UserAccessLevel and results[place].Value is not None:
+                elif wanted.AttributeId == AttributeIds.UserAccessLevel and results[place].Value is not None:
                     results[place] = self.iserver.user_access_level(wanted.NodeId, self.identity.role, results[place])
         return results
 
@@ -111,7 +113,7 @@ class Session(InternalSession):
         """Write values: only where the node may be written at all, and by roles that may write it."""
         if not self.external:
             return await super().write(params)
-        role, refused = self.identity.role, ua.StatusCode(Codes.BadUserAccessDenied)
+        role, refused = self.identity.role, status(Codes.BadUserAccessDenied)
         may = [self.iserver.may_write(item.NodeId, role) for item in params.NodesToWrite]
         allowed = ua.WriteParameters()
         allowed.NodesToWrite = [item for item, good in zip(params.NodesToWrite, may, strict=True) if good]

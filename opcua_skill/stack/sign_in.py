@@ -7,14 +7,16 @@ from typing import Any
 from asyncua import ua
 from asyncua.common.utils import ServiceError
 from asyncua.crypto import uacrypto
+from asyncua.ua.object_ids import ObjectIds as Ids
+from asyncua.ua.status_codes import StatusCodes as Codes
 from cryptography import x509
 from cryptography.exceptions import InvalidSignature
 
 from opcua_skill.stack.access import Identity, Role, SignIn
 from opcua_skill.stack.sessions import Channel
+from opcua_skill.stack.values import node_id
 
 log = logging.getLogger(__name__)
-Codes = ua.StatusCodes
 
 # RSA 1.5 padding is left out on purpose: it can be attacked through the server's answers.
 _DECRYPT = {
@@ -98,4 +100,4 @@ def verify_user_certificate(
 
 
 def _is_null(token: Any) -> bool:
-    return token is None or (isinstance(token, ua.ExtensionObject) and token.TypeId == ua.NodeId(ua.ObjectIds.Null))
+    return token is None or (isinstance(token, ua.ExtensionObject) and token.TypeId == node_id(Ids.Null))

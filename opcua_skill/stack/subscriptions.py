@@ -10,14 +10,15 @@ from asyncua.server.address_space import AddressSpace
 from asyncua.server.internal_subscription import InternalSubscription
 from asyncua.server.monitored_item_service import MonitoredItemService, WhereClauseEvaluator
 from asyncua.server.subscription_service import SubscriptionService
+from asyncua.ua.status_codes import StatusCodes as Codes
 
 from opcua_skill.stack.types import is_subtype
+from opcua_skill.stack.values import status
 
 if TYPE_CHECKING:
     from opcua_skill.stack.internal import SkillInternalServer
 
 log = logging.getLogger(__name__)
-Codes = ua.StatusCodes
 
 
 class EventFilter(WhereClauseEvaluator):
@@ -47,7 +48,7 @@ class Items(MonitoredItemService):
     def _create_events_monitored_item(self, params: ua.MonitoredItemCreateRequest) -> ua.MonitoredItemCreateResult:
         if not isinstance(params.RequestedParameters.Filter, ua.EventFilter):
             result = ua.MonitoredItemCreateResult()
-            result.StatusCode = ua.StatusCode(Codes.BadMonitoredItemFilterInvalid)
+            result.StatusCode = status(Codes.BadMonitoredItemFilterInvalid)
             return result
         result = super()._create_events_monitored_item(params)
         item = self._monitored_items.get(result.MonitoredItemId)
@@ -67,10 +68,17 @@ class Subscription(InternalSubscription):
 class Subscriptions(SubscriptionService):
     """All subscriptions of the server."""
 
-    iserver: "SkillInternalServer"
+    iserver: "SkillInternalServer"  # pyright: ignore[reportIncompatibleVariableOverride]
 
     def __init__(self, aspace: AddressSpace, iserver: "SkillInternalServer") -> None:
         super().__init__(aspace, iserver)
+
+    def rebind(self, session_id: ua.NodeId, callback: Callable[..., Any], request_callback: Callable[..., Any]) -> None:
+        """Let the subscriptions of a session answer on another connection from now on."""
+        for subscription in self.subscriptions.values():
+            if subscription.session_id == session_id:
+                subscription.pub_result_callback = callback
+                subscription.pub_request_callback = request_callback
 
     async def create_subscription(
         self,

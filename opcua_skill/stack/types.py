@@ -4,10 +4,12 @@ from collections.abc import Iterator
 
 from asyncua import ua
 from asyncua.server.address_space import AddressSpace
+from asyncua.ua.object_ids import ObjectIds as Ids
 
-_HAS_SUBTYPE = ua.NodeId(ua.ObjectIds.HasSubtype)
-_NOTIFIES = (ua.NodeId(ua.ObjectIds.HasEventSource), ua.NodeId(ua.ObjectIds.HasNotifier))
-SERVER = ua.NodeId(ua.ObjectIds.Server)
+from opcua_skill.stack.values import SERVER, node_id
+
+_HAS_SUBTYPE = node_id(Ids.HasSubtype)
+_NOTIFIES = (node_id(Ids.HasEventSource), node_id(Ids.HasNotifier))
 
 
 def supertypes(aspace: AddressSpace, node_id: ua.NodeId) -> Iterator[ua.NodeId]:
