@@ -45,10 +45,17 @@ class Edits:
     """
 
     excluded: frozenset[str] = frozenset()
-    struck: Mapping[str, frozenset[int]] = field(default_factory=lambda: MappingProxyType({}))
+    struck: Mapping[str, frozenset[int]] = field(default_factory=dict[str, frozenset[int]])
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "struck", MappingProxyType(dict(self.struck)))
+
+    def __reduce__(self) -> tuple[type["Edits"], tuple[frozenset[str], dict[str, frozenset[int]]]]:
+        """Cross to a worker process: a read-only view of a mapping cannot be pickled as it is."""
+        return Edits, (self.excluded, dict(self.struck))
 
     def with_struck(self, demonstration_id: str, indices: frozenset[int]) -> "Edits":
         """Return these edits and the samples at ``indices`` of one recording struck as well."""
         merged = dict(self.struck)
         merged[demonstration_id] = merged.get(demonstration_id, frozenset()) | indices
-        return Edits(self.excluded, MappingProxyType(merged))
+        return Edits(self.excluded, merged)
