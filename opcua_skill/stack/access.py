@@ -1,6 +1,5 @@
 """Who is asking: roles, the identity of a session, and the caller of the method that runs now."""
 
-from collections.abc import Awaitable, Callable
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
@@ -65,9 +64,6 @@ class Caller:
     role: Role
     session_id: str
     peer: str
-
-
-OnSessionClosed = Callable[[str], Awaitable[None]]
 
 
 class SignedIn(User):

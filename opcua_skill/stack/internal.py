@@ -49,11 +49,12 @@ class SkillInternalServer(InternalServer):
         self.trust = None if security.insecure_trust_every_client else TrustList(security.folder)
         self.on_session_closed: list[Callable[[str], Awaitable[None]]] = []
         self._write_roles: dict[ua.NodeId, frozenset[Role]] = {}
+        self.on_write: dict[ua.NodeId, Callable[[Any], Awaitable[None]]] = {}
         super().__init__(user_manager=_NobodyByDefault())
         self.allow_remote_admin = False
         self.method_service.stop()
         self.method_service = CheckedMethods(self.aspace)
-        self.subscription_service = Subscriptions(self.aspace, self)
+        self.subscription_service = Subscriptions(self.aspace, self)  # pyright: ignore[reportIncompatibleVariableOverride]
         self.isession = Session(
             self, self.aspace, self.subscription_service, "Internal", user=internal_user(), external=False
         )

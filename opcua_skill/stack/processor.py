@@ -168,7 +168,7 @@ class Processor(UaProcessor):
     def _take_over(self, session: Session) -> None:
         """Move a session of the same client and user from its old connection to this one."""
         old, session.processor = session.processor, self
-        self.session = session
+        self.session = session  # pyright: ignore[reportIncompatibleVariableOverride]
         self._closing = False
         self._session_watchdog_task = asyncio.create_task(self._session_watchdog_loop())
         self.iserver.subscription_service.rebind(

@@ -3,6 +3,7 @@
 import asyncio
 import logging
 import math
+from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
 
@@ -134,9 +135,17 @@ class SkillServer(Server):
         """Give an event to the subscribers of a node, of its notifiers upwards, and of the Server object."""
         await deliver(self.iserver, node.nodeid if isinstance(node, Node) else node, event)
 
+    def on_session_closed(self, hook: Callable[[str], Awaitable[None]]) -> None:
+        """Have a coroutine awaited with the session's id whenever a session ends, for locks that end with it."""
+        self.iserver.on_session_closed.append(hook)
+
     def restrict_writes(self, node: Node | ua.NodeId, roles: Any) -> None:
         """Say which roles may write a variable; without this a writable one may be written from operator upwards."""
         self.iserver.restrict_writes(node.nodeid if isinstance(node, Node) else node, frozenset(roles))
+
+    def obey_writes(self, node: Node | ua.NodeId, obey: Callable[[Any], Awaitable[None]]) -> None:
+        """Have a client's write to a variable carried out first; if ``obey`` raises Refused, nothing is written."""
+        self.iserver.on_write[node.nodeid if isinstance(node, Node) else node] = obey
 
     async def _called(self, record: CallRecord) -> None:
         if self._on_call is not None:

@@ -15,6 +15,7 @@ from asyncua.ua.attribute_ids import AttributeIds
 from asyncua.ua.status_codes import StatusCodes as Codes
 
 from opcua_skill.stack.access import Caller, Identity, Peer, Role, SignedIn, calling_as
+from opcua_skill.stack.calls import Refused
 from opcua_skill.stack.values import node_id, status
 
 if TYPE_CHECKING:
@@ -118,8 +119,21 @@ class Session(InternalSession):
         allowed = ua.WriteParameters()
         allowed.NodesToWrite = [item for item, good in zip(params.NodesToWrite, may, strict=True) if good]
         with calling_as(self.caller):
-            results = iter(await super().write(allowed))
+            results = iter([await self._write_one(item) for item in allowed.NodesToWrite])
         return [next(results) if good else refused for good in may]
+
+    async def _write_one(self, item: ua.WriteValue) -> ua.StatusCode:
+        """Write one value; a variable that commands something is obeyed first, or refused with its own code."""
+        one = ua.WriteParameters()
+        one.NodesToWrite = [item]
+        obey = self.iserver.on_write.get(item.NodeId)
+        if obey is not None and item.AttributeId == AttributeIds.Value:
+            try:
+                await obey(item.Value.Value.Value if item.Value.Value is not None else None)
+            except Refused as refusal:
+                log.warning("%s refused to write %s: %s", self.caller.name, item.NodeId.to_string(), refusal.reason)
+                return status(refusal.code)
+        return (await super().write(one))[0]
 
     async def call(self, params: list[ua.CallMethodRequest]) -> list[ua.CallMethodResult]:
         """Call methods on behalf of this session's user."""

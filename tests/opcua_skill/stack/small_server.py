@@ -1,8 +1,12 @@
 """A small server of ours with a few methods, its users, and clients that sign in to it: shared by the stack's tests."""
 
 import asyncio
+import atexit
+import functools
 import logging
-from collections.abc import AsyncIterator
+import shutil
+import tempfile
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,7 +14,14 @@ from pathlib import Path
 from asyncua import Client, ua
 from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
 
-from opcua_skill.security import Authenticator, SecuritySettings, TrustList, ensure_client_certificate, hash_password
+from opcua_skill.security import (
+    Authenticator,
+    SecuritySettings,
+    TrustList,
+    ensure_client_certificate,
+    ensure_server_certificate,
+    hash_password,
+)
 from opcua_skill.stack.access import Role, caller
 from opcua_skill.stack.calls import Argument, CallRecord, MethodSpec, Refused, add_method
 from opcua_skill.stack.limits import Limits
@@ -20,6 +31,25 @@ PASSWORD = "correct horse battery"
 PASSWORD_HASH = hash_password(PASSWORD)
 CLIENT_URI = "urn:opcua-skill:test-client"
 DOUBLE, STRING, INT32 = (ua.NodeId(i) for i in (ua.ObjectIds.Double, ua.ObjectIds.String, ua.ObjectIds.Int32))
+
+
+@functools.cache
+def keys() -> Path:
+    """Return a folder with a server's and a client's key: made once, copied for every server of a test run."""
+    folder = Path(tempfile.mkdtemp(prefix="opcua-skill-keys-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    settings = SecuritySettings(folder)
+    ensure_server_certificate(folder / "server", settings.application_uri, settings.application_name)
+    ensure_client_certificate(folder / "client", CLIENT_URI)
+    return folder
+
+
+async def until(condition: Callable[[], bool], seconds: float = 10) -> None:
+    """Wait until something holds; fail when it does not within the limit."""
+    end = asyncio.get_running_loop().time() + seconds
+    while not condition():
+        assert asyncio.get_running_loop().time() < end, "waited in vain"
+        await asyncio.sleep(0.02)
 
 
 @dataclass(frozen=True)
@@ -56,17 +86,17 @@ class Bench:
 
     @asynccontextmanager
     async def client(
-        self, user: str = "operator", password: str = PASSWORD, *, certificate: Path | None = None, timeout: float = 10
+        self, user: str = "operator", password: str = PASSWORD, *, certificate: Path | None = None
     ) -> AsyncIterator[Client]:
-        client = await self.new_client(user, password, certificate=certificate, timeout=timeout)
+        client = await self.new_client(user, password, certificate=certificate)
         async with client:
             yield client
 
     async def new_client(
-        self, user: str = "operator", password: str = PASSWORD, *, certificate: Path | None = None, timeout: float = 10
+        self, user: str = "operator", password: str = PASSWORD, *, certificate: Path | None = None
     ) -> Client:
         own = await asyncio.to_thread(ensure_client_certificate, certificate or self.folder / "client", CLIENT_URI)
-        client = Client(self.server.url, timeout=timeout)
+        client = Client(self.server.url, timeout=10)
         client.application_uri = CLIENT_URI
         if user:
             client.set_user(user)
@@ -138,6 +168,7 @@ async def small_server(
     folder: Path, *, trust_client: bool = True, limits: Limits | None = None, **settings
 ) -> AsyncIterator[Bench]:
     logging.getLogger("asyncua").setLevel(logging.ERROR)
+    shutil.copytree(keys(), folder, dirs_exist_ok=True)
     users, records = Users(), []
 
     async def on_call(record: CallRecord) -> None:
