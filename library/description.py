@@ -16,6 +16,7 @@ from library.recipe import Recipe
 from library.records import AuditEntry, Failure, JobKind, JobMode, JobReport
 from library.values import Moment, Name, Text, Value
 from models.demonstration import Floats
+from models.errors import SkillError
 from models.motion import Clock, CovarianceRule, Motion
 
 __all__ = [
@@ -84,16 +85,19 @@ class Provenance(Value):
     """Who taught the version, when, from which recordings, with which edits and options.
 
     ``excluded`` are recordings left out by hand, ``struck`` maps a recording to the samples of it that were removed.
-    ``based_on`` is the version whose recordings and edits this one started from.
+    ``based_on`` is the version whose recordings and edits this one started from. ``imported_by`` brought the version in
+    from another library, where all the rest happened.
     """
 
     taught_by: Text
     taught_at: Moment
     recordings: tuple[RecordingReference, ...] = ()
     excluded: tuple[Text, ...] = ()
-    struck: dict[str, tuple[int, ...]] = Field(default_factory=dict)
+    struck: dict[Text, tuple[int, ...]] = Field(default_factory=dict)
     options: dict[str, JsonValue] = Field(default_factory=dict)
     based_on: int | None = Field(default=None, ge=1)
+    imported_by: Text = ""
+    imported_at: Moment | None = None
 
 
 class DescribedVerdict(Value):
@@ -133,7 +137,8 @@ class SkillDescription(Value):
     """One version of a skill: everything a workstation needs to run it, and everything a human needs to judge it.
 
     ``means`` has shape (K, D), ``covariances`` (K, D, D). Columns with the ``path`` clock: phase 0..1, time in s,
-    position in m; with the ``time`` clock: time in s, position in m. Positions are in the part's frame, ``frame``.
+    position in m; with the ``time`` clock: time in s, position in m. Where the tool's orientation was recorded, four
+    more hold a quaternion x y z w. All are in the part's frame, ``frame``.
     ``dispense`` holds the intervals of phase in which the process is on; ``duration`` and ``time_step`` are in s.
     """
 
@@ -162,13 +167,17 @@ class SkillDescription(Value):
 
     @model_validator(mode="after")
     def _model_is_one(self) -> "SkillDescription":
-        columns = self.dimension + (2 if self.clock == "path" else 1)
-        if any(len(row) != columns for row in self.means):
-            raise InvalidValue("means", self.means, f"with this clock and dimension they have {columns} columns")
+        columns, plain = len(self.means[0]), self.dimension + (2 if self.clock == "path" else 1)
+        if columns not in {plain, plain + 4} or any(len(row) != columns for row in self.means):
+            raise InvalidValue("means", self.means, f"they have {plain} columns, or {plain + 4} with orientation")
         if len(self.covariances) != len(self.means):
             raise InvalidValue("covariances", self.covariances, f"there are {len(self.means)}, as many as means")
         if any(len(rows) != columns or any(len(row) != columns for row in rows) for rows in self.covariances):
             raise InvalidValue("covariances", self.covariances, f"each is {columns} by {columns}")
+        try:
+            self.motion()
+        except SkillError as error:
+            raise InvalidValue("means", self.means, str(error)) from error
         covariances = np.array(self.covariances)
         if not np.allclose(covariances, covariances.transpose(0, 2, 1), rtol=1e-9, atol=1e-15):
             raise InvalidValue("covariances", self.covariances, "each is symmetric")
@@ -197,8 +206,8 @@ class SkillDescription(Value):
             semantic_type=self.semantic_type,
             state=self.state,
             model_digest=self.model_digest,
-            created_at=self.provenance.taught_at,
-            created_by=self.provenance.taught_by,
+            created_at=self.provenance.imported_at or self.provenance.taught_at,
+            created_by=self.provenance.imported_by or self.provenance.taught_by,
             workstations=self.workstations,
         )
 

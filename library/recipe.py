@@ -15,8 +15,9 @@ Pose = Annotated[tuple[float, float, float, float, float, float, float], Field(m
 class Recipe(Value):
     """The parameters of a run.
 
-    ``skill_version`` 0 is the deployed one. ``time_step`` and ``duration`` are in s; ``duration`` 0 is as learned and counts
-    with ``demonstrated`` only. ``speed`` in m/s counts with ``constant_speed`` only. ``speed_override`` is a fraction.
+    ``skill_version`` 0 is the deployed one. ``time_step`` and ``duration`` are in s; ``duration`` 0 is as learned, and
+    counts with ``demonstrated`` only. ``speed`` in m/s counts with ``constant_speed`` only. ``speed_override`` is a
+    fraction.
     ``frame`` is the part in the arm's base: x y z in m, then the unit quaternion qx qy qz qw. ``standoff``,
     ``approach_height``, ``retract_height`` and ``max_deviation`` (0: not checked) are in m, ``dispense_lead`` in s
     (positive: the valve opens that much earlier).

@@ -1,10 +1,13 @@
 """What is written down while the library is used: job reports, traces, the audit trail, users."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import datetime
 from enum import StrEnum
-from typing import Annotated, Literal
+from types import MappingProxyType
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, JsonValue
+from pydantic import Field
 
 from library.lifecycle import JobState
 from library.values import Moment, Name, Text, Value, now
@@ -82,26 +85,31 @@ class JobTrace:
     columns: tuple[str, ...]
 
 
-class AuditEntry(Value):
-    """Who asked for what, and what came of it. ``entry_id`` is given by the library and rises with every entry."""
+@dataclass(frozen=True, slots=True)
+class AuditEntry:
+    """Who asked for what, and what came of it. ``entry_id`` is given by the library and rises with every entry.
 
-    entry_id: int = Field(default=0, ge=0)
-    at: Moment = Field(default_factory=now)
+    Not checked: a refused call is recorded with whatever was sent. ``arguments`` are kept as JSON, long ones shortened.
+    """
+
     actor: str = ""
     role: str = ""
     action: str = ""
     target: str = ""
-    arguments: dict[str, JsonValue] = Field(default_factory=dict)
+    arguments: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
     status: str = ""
     reason: str = ""
+    at: datetime = field(default_factory=now)
+    entry_id: int = 0
 
 
-class User(Value):
-    """Somebody who may sign in: by password (its argon2 hash) or by certificate (its SHA-256 thumbprint in hex)."""
+@dataclass(frozen=True, slots=True)
+class User:
+    """Somebody who may sign in: with a password (its argon2 hash) or a certificate (DER), whichever is not empty."""
 
-    name: Name
-    role: Name
-    password_hash: Text = ""
-    certificate: Annotated[str, Field(pattern="^([0-9a-f]{64})?$")] = ""
-    created_at: Moment = Field(default_factory=now)
-    created_by: Text = ""
+    name: str
+    role: str
+    password_hash: str = ""
+    certificate: bytes = b""
+    created_at: datetime | None = None
+    created_by: str = ""

@@ -1,0 +1,57 @@
+"""Who may sign in."""
+
+from typing import Any
+
+import sqlalchemy as sql
+
+from library.errors import AlreadyExists, NotFound
+from library.records import User
+from library.tables import users
+from library.values import now
+
+
+def add(connection: sql.Connection, name: str, role: str, password_hash: str, certificate: bytes, actor: str) -> User:
+    """Store a new user."""
+    if connection.scalar(sql.select(users.c.name).where(users.c.name == name)) is not None:
+        raise AlreadyExists("user", name, "remove that one first or choose another name")
+    user = User(name, role, password_hash, certificate, now(), actor)
+    connection.execute(
+        users.insert().values(
+            name=name,
+            role=role,
+            password_hash=password_hash,
+            certificate=certificate,
+            created_at=user.created_at,
+            created_by=actor,
+        )
+    )
+    return user
+
+
+def everyone(connection: sql.Connection) -> list[User]:
+    """Return all users in the order of their names."""
+    return [_user(row) for row in connection.execute(sql.select(users).order_by(users.c.name))]
+
+
+def read(connection: sql.Connection, name: str) -> User:
+    """Return a user."""
+    row = connection.execute(sql.select(users).where(users.c.name == name)).one_or_none()
+    if row is None:
+        raise NotFound("user", name)
+    return _user(row)
+
+
+def set_password_hash(connection: sql.Connection, name: str, password_hash: str) -> None:
+    """Give a user another password."""
+    read(connection, name)
+    connection.execute(users.update().where(users.c.name == name).values(password_hash=password_hash))
+
+
+def remove(connection: sql.Connection, name: str) -> None:
+    """Remove a user; what the user did stays in the records."""
+    read(connection, name)
+    connection.execute(users.delete().where(users.c.name == name))
+
+
+def _user(row: Any) -> User:
+    return User(row.name, row.role, row.password_hash, bytes(row.certificate), row.created_at, row.created_by)

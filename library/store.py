@@ -1,0 +1,316 @@
+"""The skill library: everything that is remembered, behind one object. Each method is one transaction."""
+
+import asyncio
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Self
+
+from library.database import Database
+from library.description import (
+    AuditEntry,
+    JobReport,
+    JobState,
+    Parameter,
+    Recipe,
+    SkillDescription,
+    SkillSummary,
+    VersionState,
+)
+from library.records import JobTrace, User
+from library.rows import audit as audit_rows
+from library.rows import deployments as deployment_rows
+from library.rows import jobs as job_rows
+from library.rows import learned as learned_rows
+from library.rows import recipes as recipe_rows
+from library.rows import recordings as recording_rows
+from library.rows import search
+from library.rows import users as user_rows
+from library.rows import versions as version_rows
+from library.rows.encoding import unpack_aligned, unpack_recording
+from library.values import check_name, check_text
+from models.demonstration import Demonstration, Edits
+from models.learning import AlignedDemonstration, LearnedMotion, LearningOptions
+
+
+class SkillLibrary:
+    """Skills with their versions, recordings, approvals and deployments; recipes; jobs; the audit trail; users.
+
+    A method that changes something returns after the change has reached the disk, or raises a LibraryError and has
+    changed nothing. A call that is cancelled may still take effect. Version 0 stands for the newest one.
+    """
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+
+    @classmethod
+    async def open(cls, url_or_path: str | Path) -> Self:
+        """Return the library in a file, or behind a database URL, made or brought up to date if need be."""
+        return cls(await Database.open(url_or_path))
+
+    async def close(self) -> None:
+        """Finish what is under way and let go of the database."""
+        await self._database.close()
+
+    async def __aenter__(self) -> Self:
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        await self.close()
+
+    # Skills
+
+    async def add_version(
+        self,
+        *,
+        name: str,
+        semantic_type: str,
+        required_atomic_skills: Sequence[str],
+        recordings: Sequence[Demonstration],
+        edits: Edits,
+        options: LearningOptions,
+        learned: LearnedMotion,
+        actor: str,
+        job_id: str | None,
+        based_on: int | None = None,
+        parameters: Sequence[Parameter] = (),
+        frame: str = "part",
+        default_recipe: Recipe | None = None,
+    ) -> SkillDescription:
+        """Store a learned motion as the next version of a skill and return its description.
+
+        In the same transaction go the recordings, the aligned demonstrations, for a new skill its default recipe
+        (``default_recipe`` under an id of the library's choice), and the learning job's end.
+        """
+        prepared = await asyncio.to_thread(
+            learned_rows.prepare,
+            name=name,
+            semantic_type=semantic_type,
+            required_atomic_skills=required_atomic_skills,
+            demonstrations=recordings,
+            edits=edits,
+            options=options,
+            learned=learned,
+            actor=actor,
+            based_on=based_on,
+            parameters=parameters,
+            frame=frame,
+        )
+        return await self._database.write(
+            lambda connection: learned_rows.add(connection, prepared, actor, job_id, default_recipe)
+        )
+
+    async def import_version(
+        self, description: SkillDescription, actor: str, default_recipe: Recipe | None = None
+    ) -> SkillDescription:
+        """Store a version from another library as the next version here, state Learned, without recordings."""
+        return await self._database.write(
+            lambda connection: learned_rows.add_imported(connection, description, actor, default_recipe)
+        )
+
+    async def description(self, name: str, version: int = 0) -> SkillDescription:
+        """Return the description of a version."""
+        return await self._database.read(lambda connection: version_rows.read(connection, name, version))
+
+    async def versions(self, name: str) -> list[SkillSummary]:
+        """Return a summary of each version of a skill, the newest first; none for an unknown skill."""
+        return await self._database.read(lambda connection: search.of_skill(connection, name))
+
+    async def find(
+        self,
+        *,
+        semantic_type: str = "",
+        state: str = "",
+        workstation: str = "",
+        name_prefix: str = "",
+        after: str = "",
+        limit: int = 0,
+    ) -> tuple[list[SkillSummary], str]:
+        """Return skills in the order of their names, and the name to pass as ``after`` for the next page ("": the end).
+
+        Of each skill comes the newest version that fits; with ``workstation`` it is the one deployed there.
+        """
+        return await self._database.read(
+            lambda connection: search.find(
+                connection,
+                semantic_type=semantic_type,
+                state=state,
+                workstation=workstation,
+                name_prefix=name_prefix,
+                after=after,
+                limit=limit,
+            )
+        )
+
+    async def recordings(self, name: str, version: int = 0) -> list[Demonstration]:
+        """Return the recordings a version was learned from, untouched, in the order they were given."""
+        rows = await self._database.read(lambda connection: recording_rows.of_version(connection, name, version))
+        return await asyncio.to_thread(lambda: [unpack_recording(row) for row in rows])
+
+    async def aligned(self, name: str, version: int = 0) -> list[AlignedDemonstration]:
+        """Return the demonstrations a version used, as they were aligned; an imported one has none."""
+        rows = await self._database.read(lambda connection: version_rows.aligned_of(connection, name, version))
+        return await asyncio.to_thread(lambda: [unpack_aligned(row) for row in rows])
+
+    async def edits(self, name: str, version: int = 0) -> Edits:
+        """Return what an operator had taken out of the recordings of a version."""
+        return learned_rows.edits_of(await self.description(name, version))
+
+    async def options(self, name: str, version: int = 0) -> LearningOptions:
+        """Return the options a version was learned with."""
+        return learned_rows.options_of(await self.description(name, version))
+
+    # The life of a version
+
+    async def approve(
+        self, name: str, version: int, digest: bytes, actor: str, comment: str = "", *, four_eyes: bool = True
+    ) -> VersionState:
+        """Approve the version whose model has this SHA-256. With four eyes its teacher, or importer, may not."""
+        return await self._decide(name, version, VersionState.APPROVED, actor, comment, digest, four_eyes)
+
+    async def reject(self, name: str, version: int, digest: bytes, actor: str, comment: str = "") -> VersionState:
+        """Reject the version whose model has this SHA-256."""
+        return await self._decide(name, version, VersionState.REJECTED, actor, comment, digest)
+
+    async def retire(self, name: str, version: int, actor: str, comment: str = "") -> VersionState:
+        """Take a version out of use for good; it must not be deployed anywhere."""
+        return await self._decide(name, version, VersionState.RETIRED, actor, comment)
+
+    async def _decide(
+        self,
+        name: str,
+        version: int,
+        to: VersionState,
+        actor: str,
+        comment: str,
+        digest: bytes | None = None,
+        four_eyes: bool = False,
+    ) -> VersionState:
+        check_text(comment, "comment")
+        return await self._database.write(
+            lambda connection: version_rows.decide(connection, name, version, to, actor, comment, digest, four_eyes)
+        )
+
+    async def deploy(self, name: str, version: int, workstation: str, actor: str) -> VersionState:
+        """Deploy an approved version on a workstation, where it replaces any other version of that skill."""
+        check_name(workstation, "workstation")
+        return await self._database.write(
+            lambda connection: deployment_rows.deploy(connection, name, version, workstation, actor)
+        )
+
+    async def withdraw(self, name: str, version: int, workstation: str, actor: str) -> VersionState:
+        """Take a version (0: whichever is there) off a workstation."""
+        check_text(actor, "actor")
+        return await self._database.write(
+            lambda connection: deployment_rows.withdraw(connection, name, version, workstation)
+        )
+
+    async def deployments(self, workstation: str) -> list[SkillDescription]:
+        """Return the versions deployed on a workstation, in the order of their names."""
+        return await self._database.read(lambda connection: deployment_rows.on_workstation(connection, workstation))
+
+    async def deployed(self, name: str, workstation: str) -> int | None:
+        """Return which version of a skill is deployed on a workstation, if any."""
+        return await self._database.read(lambda connection: deployment_rows.deployed(connection, name, workstation))
+
+    # Recipes
+
+    async def put_recipe(self, recipe: Recipe, actor: str) -> None:
+        """Store a recipe, or change the one with that id."""
+        await self._database.write(lambda connection: recipe_rows.put(connection, recipe, actor))
+
+    async def recipe(self, recipe_id: str) -> Recipe:
+        """Return a recipe."""
+        return await self._database.read(lambda connection: recipe_rows.read(connection, recipe_id))
+
+    async def recipes(self, skill_name: str = "") -> list[Recipe]:
+        """Return the recipes of a skill, or of all skills, in the order of their ids."""
+        return await self._database.read(lambda connection: recipe_rows.of_skill(connection, skill_name))
+
+    async def delete_recipe(self, recipe_id: str, actor: str) -> None:
+        """Delete a recipe, unless it is a skill's default or a job still needs it."""
+        check_text(actor, "actor")
+        await self._database.write(lambda connection: recipe_rows.delete(connection, recipe_id))
+
+    async def default_recipe_id(self, skill_name: str) -> str:
+        """Return the id of the recipe that was made with the skill."""
+        return await self._database.read(lambda connection: version_rows.default_recipe_id(connection, skill_name))
+
+    # Jobs
+
+    async def add_job(self, report: JobReport) -> JobReport:
+        """Store a new job together with its recipe as it is now."""
+        await self._database.write(lambda connection: job_rows.add(connection, report))
+        return report
+
+    async def move_job(self, job_id: str, to: JobState, **fields: Any) -> JobReport:
+        """Move a job to another state, set fields of its report, and return what it is now.
+
+        Start time, end time and the progress of a completed job set themselves, unless given.
+        """
+        return await self._database.write(lambda connection: job_rows.move(connection, job_id, to, fields))
+
+    async def set_progress(self, job_id: str, progress: float) -> None:
+        """Note how far a job has come, 0 to 1."""
+        await self._database.write(lambda connection: job_rows.set_progress(connection, job_id, progress))
+
+    async def job(self, job_id: str) -> JobReport:
+        """Return a job."""
+        return await self._database.read(lambda connection: job_rows.read(connection, job_id))
+
+    async def job_recipe(self, job_id: str) -> Recipe | None:
+        """Return the recipe of a job as it was when the job was added."""
+        return await self._database.read(lambda connection: job_rows.read_recipe(connection, job_id))
+
+    async def jobs(self, state: str = "", limit: int = 0, workstation: str = "") -> list[JobReport]:
+        """Return the newest jobs, the newest first."""
+        return await self._database.read(lambda connection: job_rows.newest(connection, state, workstation, limit))
+
+    async def interrupt_unfinished(self) -> list[JobReport]:
+        """Fail, as Interrupted, every job that has not ended: for a server that starts, when nobody works on them."""
+        return await self._database.write(job_rows.interrupt_unfinished)
+
+    async def save_trace(self, job_id: str, trace: JobTrace) -> None:
+        """Store what a job commanded and measured; a job has one trace."""
+        row = await asyncio.to_thread(job_rows.pack_trace, job_id, trace)
+        await self._database.write(lambda connection: job_rows.save_trace(connection, job_id, row))
+
+    async def trace(self, job_id: str) -> JobTrace:
+        """Return what a job commanded and measured."""
+        row = await self._database.read(lambda connection: job_rows.trace_row(connection, job_id))
+        return await asyncio.to_thread(job_rows.unpack_trace, row)
+
+    # Records and users
+
+    async def audit(self, entry: AuditEntry) -> int:
+        """Add an entry to the audit trail and return its id. Whatever stands in it, it can be written."""
+        return await self._database.write(lambda connection: audit_rows.add(connection, entry))
+
+    async def audit_trail(self, limit: int = 0, before: int = 0) -> list[AuditEntry]:
+        """Return the newest entries, the newest first; ``before`` is the smallest id of the page before."""
+        return await self._database.read(lambda connection: audit_rows.trail(connection, limit, before))
+
+    async def add_user(
+        self, name: str, role: str, password_hash: str = "", certificate: bytes = b"", actor: str = ""
+    ) -> User:
+        """Store somebody who may sign in, with the hash of a password, a certificate (DER), or both."""
+        check_name(name, "name")
+        check_name(role, "role")
+        return await self._database.write(
+            lambda connection: user_rows.add(connection, name, role, password_hash, certificate, actor)
+        )
+
+    async def users(self) -> list[User]:
+        """Return all users in the order of their names."""
+        return await self._database.read(user_rows.everyone)
+
+    async def user(self, name: str) -> User:
+        """Return a user."""
+        return await self._database.read(lambda connection: user_rows.read(connection, name))
+
+    async def set_password_hash(self, name: str, password_hash: str) -> None:
+        """Give a user another password."""
+        await self._database.write(lambda connection: user_rows.set_password_hash(connection, name, password_hash))
+
+    async def remove_user(self, name: str) -> None:
+        """Remove a user; what the user did stays in the records."""
+        await self._database.write(lambda connection: user_rows.remove(connection, name))
