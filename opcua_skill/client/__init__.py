@@ -1,0 +1,52 @@
+"""The typed client of a skill server: command line, panel, demo and tests use it, and so may anybody else."""
+
+from opcua_skill.client.certificates import APPLICATION_URI, client_folder
+from opcua_skill.client.errors import ClientError, NotSignedIn, Refused, ServerChanged, TookTooLong, Unreachable
+from opcua_skill.client.session import Event, Session
+from opcua_skill.client.skills import SkillClient
+from opcua_skill.client.values import (
+    ENDED,
+    JobReport,
+    JobTrace,
+    Learned,
+    LearningOptions,
+    Limits,
+    Mode,
+    Path,
+    Recipe,
+    Recordings,
+    Skill,
+    SkillSummary,
+    Started,
+)
+from opcua_skill.client.workstation import ArmReading, DeployedModel, Workstation
+
+__all__ = [
+    "APPLICATION_URI",
+    "ENDED",
+    "ArmReading",
+    "ClientError",
+    "DeployedModel",
+    "Event",
+    "JobReport",
+    "JobTrace",
+    "Learned",
+    "LearningOptions",
+    "Limits",
+    "Mode",
+    "NotSignedIn",
+    "Path",
+    "Recipe",
+    "Recordings",
+    "Refused",
+    "ServerChanged",
+    "Session",
+    "Skill",
+    "SkillClient",
+    "SkillSummary",
+    "Started",
+    "TookTooLong",
+    "Unreachable",
+    "Workstation",
+    "client_folder",
+]

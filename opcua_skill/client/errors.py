@@ -1,0 +1,64 @@
+"""What can go wrong for a client, each in one sentence for the person at the keyboard."""
+
+from asyncua import ua
+
+
+class ClientError(Exception):
+    """The base of everything a `SkillClient` raises. The message is one sentence."""
+
+
+class Refused(ClientError):
+    """The server said no, and nothing was stored and nothing moved.
+
+    ``status`` is the name of the OPC UA status code (``BadNotFound``), ``argument`` the input argument at
+    fault or empty, ``reason`` the server's own sentence from the audit event of this call, or else the code's meaning.
+    """
+
+    def __init__(self, method: str, status: str, argument: str, reason: str) -> None:
+        self.method = method
+        self.status = status
+        self.argument = argument
+        self.reason = reason
+        at = f" (argument {argument})" if argument else ""
+        super().__init__(f"{method} was refused: {reason}{at} [{status}]")
+
+
+class Unreachable(ClientError):
+    """The server does not answer, or the connection broke."""
+
+
+class NotSignedIn(ClientError):
+    """The server does not know the user, the password or this client's certificate."""
+
+
+class ServerChanged(ClientError):
+    """Another certificate than the one this client has seen at that address before."""
+
+
+class TookTooLong(ClientError):
+    """A job has not ended within the limit the caller set. The job itself goes on."""
+
+
+SIGN_IN_REFUSALS: dict[int, str] = {
+    ua.StatusCodes.BadUserAccessDenied: "the user name or the password is wrong",
+    ua.StatusCodes.BadIdentityTokenRejected: "the user name or the password is wrong",
+    ua.StatusCodes.BadIdentityTokenInvalid: "the server does not accept this way of signing in",
+    ua.StatusCodes.BadCertificateUntrusted: "the server does not trust this client's certificate yet",
+    ua.StatusCodes.BadSecurityChecksFailed: "the server does not trust this client's certificate yet",
+    ua.StatusCodes.BadCertificateInvalid: "the server does not accept this client's certificate",
+    ua.StatusCodes.BadCertificateTimeInvalid: "this client's certificate has expired or is not valid yet",
+    ua.StatusCodes.BadCertificateUriInvalid: "this client's certificate names another application",
+    ua.StatusCodes.BadTooManySessions: "the server has no session left",
+    ua.StatusCodes.BadTcpNotEnoughResources: "the server has no connection left",
+}
+
+
+def status_name(code: int) -> str:
+    """Return the name of a status code, such as BadNotFound."""
+    return ua.StatusCode(ua.UInt32(code)).name
+
+
+def meaning(code: int) -> str:
+    """Return what OPC UA says a status code means, as part of a sentence."""
+    text = ua.status_codes.get_name_and_doc(code)[1].strip().rstrip(".")
+    return text[:1].lower() + text[1:] if text else "no reason was given"

@@ -1,0 +1,260 @@
+"""A signed-in, encrypted connection: calls with exact refusals, reads, and events."""
+
+import asyncio
+import contextlib
+import logging
+import uuid
+from collections.abc import AsyncIterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from asyncua import Client, ua
+from asyncua.common.subscription import OpcEvent
+from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
+from asyncua.ua.ua_binary import struct_from_binary
+
+from opcua_skill.client.audit import AuditReasons
+from opcua_skill.client.certificates import APPLICATION_URI, KnownServers, client_folder
+from opcua_skill.client.errors import (
+    SIGN_IN_REFUSALS,
+    ClientError,
+    NotSignedIn,
+    Refused,
+    Unreachable,
+    meaning,
+    status_name,
+)
+from opcua_skill.security import ApplicationCertificate, ensure_client_certificate
+
+TYPES = "urn:opcua-skill:types"
+INSTANCES = "urn:opcua-skill:instances"
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """An event as a client sees it: what kind, who, the sentence, how bad (1 to 1000), and its job, if any."""
+
+    kind: ua.NodeId
+    source: str
+    message: str
+    severity: int
+    job_id: str
+    progress: float | None
+
+
+class Session:
+    """One connection. Its requests are served one after another: open a second one to watch a long call."""
+
+    def __init__(
+        self,
+        url: str,
+        user: str,
+        password: str,
+        *,
+        folder: Path | None = None,
+        timeout: float = 30.0,
+        secure: bool = True,
+    ) -> None:
+        """``secure=False`` is for servers whose configuration says so in as many words; then nothing is encrypted."""
+        self.url = url
+        self.user = user
+        self._folder = folder or client_folder()
+        self._secure = secure
+        self._client = Client(url, timeout=timeout)
+        self._client.name = self._client.description = "opcua-skill"
+        self._client.application_uri = APPLICATION_URI
+        if user:
+            self._client.set_user(user)
+            self._client.set_password(password)
+        self._types = 0
+        self._instances = 0
+        self._structures: dict[str, type] = {}
+        self._reasons: AuditReasons | None = None
+
+    async def open(self) -> None:
+        """Connect, sign in and read the server's structures."""
+        try:
+            if self._secure:
+                await self._secure_channel()
+            await self._client.connect()
+        except ua.uaerrors.BadTooManySessions as error:
+            raise NotSignedIn(f"{self.url}: {SIGN_IN_REFUSALS[error.code]}") from error
+        except ua.UaStatusCodeError as error:
+            raise NotSignedIn(await self._why_not(error.code)) from error
+        except (OSError, TimeoutError, ua.UaError) as error:
+            raise Unreachable(f"no OPC UA server answers at {self.url}: is it running? ({describe(error)})") from error
+        try:
+            self._types = await self._client.get_namespace_index(TYPES)
+            self._instances = await self._client.get_namespace_index(INSTANCES)
+            await self._client.load_data_type_definitions()
+            self._reasons = await AuditReasons.subscribe(self._client)
+        except ValueError as error:
+            await self.close()
+            raise ClientError(f"the server at {self.url} is not an opcua-skill server") from error
+        except BaseException:
+            await self.close()
+            raise
+
+    async def close(self) -> None:
+        """Sign out and disconnect; a connection already lost is no fault here."""
+        if self._reasons is not None:
+            await self._reasons.close()
+        with contextlib.suppress(OSError, TimeoutError, ua.UaError):
+            await self._client.disconnect()
+
+    async def __aenter__(self) -> "Session":
+        await self.open()
+        return self
+
+    async def __aexit__(self, *exception: object) -> None:
+        await self.close()
+
+    async def _secure_channel(self) -> None:
+        mine = await self._certificate()
+        endpoints = await self._client.connect_and_get_server_endpoints()
+        endpoint = Client.find_endpoint(
+            endpoints, ua.MessageSecurityMode.SignAndEncrypt, SecurityPolicyBasic256Sha256.URI
+        )
+        KnownServers(self._folder / "servers").meet(self.url, endpoint.ServerCertificate)
+        await self._client.set_security(
+            SecurityPolicyBasic256Sha256,
+            mine.certificate_file,
+            mine.key_file,
+            server_certificate=endpoint.ServerCertificate,
+        )
+
+    async def _certificate(self) -> ApplicationCertificate:
+        return await asyncio.to_thread(ensure_client_certificate, self._folder, APPLICATION_URI)
+
+    async def _why_not(self, code: int) -> str:
+        why = SIGN_IN_REFUSALS.get(code, meaning(code))
+        if "certificate" in why:
+            mine = await self._certificate()
+            why += f"; on the server: opcua-skill certificates trust {mine.certificate_file}"
+        return f"{self.url} does not let {self.user or 'you'} in: {why} [{status_name(code)}]"
+
+    def structure(self, name: str) -> type:
+        """Return the class of one of the server's structures, by its name in INTERFACE section 4."""
+        if name not in self._structures:
+            self._structures[name] = getattr(ua, name)
+        return self._structures[name]
+
+    def node(self, path: str) -> ua.NodeId:
+        """Return the NodeId of a browse path in the instance namespace."""
+        return ua.NodeId(ua.String(path), ua.Int16(self._instances))
+
+    async def children(self, name: str) -> list[str]:
+        """Return the names of the objects under ``Objects/<name>``, a node that may belong to a companion standard."""
+        for child in await self._client.nodes.objects.get_children_descriptions():
+            if child.BrowseName.Name == name:
+                below = await self._client.get_node(child.NodeId).get_children_descriptions()
+                return [one.BrowseName.Name for one in below if one.NodeClass == ua.NodeClass.Object]
+        return []
+
+    async def read(self, *paths: str) -> list[Any]:
+        """Return the values of variables, by browse path, in one request."""
+        nodes = [self._client.get_node(self.node(path)) for path in paths]
+        try:
+            return await self._client.read_values(nodes)
+        except ua.UaStatusCodeError as error:
+            raise Refused("Read", status_name(error.code), "", f"{', '.join(paths)}: {meaning(error.code)}") from error
+        except (OSError, TimeoutError) as error:
+            raise Unreachable(f"the connection to {self.url} broke: {describe(error)}") from error
+
+    async def call(self, place: str, method: str, **arguments: ua.Variant) -> Sequence[Any]:
+        """Call ``place/method`` and return its output values.
+
+        ``arguments`` are named and ordered as in INTERFACE section 5, so that a refusal can name the one at fault.
+        """
+        entry = uuid.uuid4().hex
+        request = ua.CallRequest()
+        request.RequestHeader.AuditEntryId = entry
+        request.Parameters.MethodsToCall = [
+            ua.CallMethodRequest(self.node(place), self.node(f"{place}/{method}"), list(arguments.values()))
+        ]
+        try:
+            result = await self._send(request)
+        except ua.UaStatusCodeError as error:
+            raise Refused(method, status_name(error.code), "", meaning(error.code)) from error
+        except (OSError, TimeoutError) as error:
+            raise Unreachable(f"{method} got no answer from {self.url}: {describe(error)}") from error
+        if not result.StatusCode.is_good():
+            raise await self._refusal(f"{place}/{method}", entry, arguments, result)
+        return [variant.Value for variant in result.OutputArguments or ()]
+
+    async def _send(self, request: ua.CallRequest) -> ua.CallMethodResult:
+        protocol = self._client.uaclient.protocol
+        if protocol is None:
+            raise ConnectionError("the connection is closed")
+        response = struct_from_binary(ua.CallResponse, await protocol.send_request(request))
+        response.ResponseHeader.ServiceResult.check()
+        return response.Results[0]
+
+    async def _refusal(
+        self, path: str, entry: str, arguments: Mapping[str, ua.Variant], result: ua.CallMethodResult
+    ) -> Refused:
+        at_fault = [
+            (name, code)
+            for name, code in zip(arguments, result.InputArgumentResults or (), strict=False)
+            if not code.is_good()
+        ]
+        argument, detail = at_fault[0] if at_fault else ("", result.StatusCode)
+        told = await self._reasons.reason(entry, self.node(path), self.user) if self._reasons else ""
+        status = result.StatusCode.name
+        reason = told.partition(f"{status}: ")[2] or told or meaning(detail.value)
+        return Refused(path.rsplit("/", 1)[-1], status, argument, reason)
+
+    @contextlib.asynccontextmanager
+    async def events(self) -> AsyncIterator["asyncio.Queue[Event]"]:
+        """Yield a queue that receives every event the server tells, newest last, while the block runs."""
+        queue: asyncio.Queue[Event] = asyncio.Queue(maxsize=1000)
+        base = ua.NodeId(ua.Int32(ua.ObjectIds.BaseEventType))
+        names = ["EventType", "SourceName", "Message", "Severity"]
+        paths = [[ua.QualifiedName(name)] for name in names] + [
+            [ua.QualifiedName(name, self._types)] for name in ("JobId", "Progress")
+        ]
+        clauses = [ua.SimpleAttributeOperand(base, path, ua.AttributeIds.Value) for path in paths]
+
+        subscription = await self._client.create_subscription(100, None)
+        try:
+            await subscription.subscribe_events(
+                self._client.nodes.server, evfilter=ua.EventFilter(SelectClauses=clauses), queuesize=1000
+            )
+            pump = asyncio.create_task(pump_events(subscription, queue))
+            try:
+                yield queue
+            finally:
+                pump.cancel()
+                with contextlib.suppress(asyncio.CancelledError):
+                    await pump
+        finally:
+            with contextlib.suppress(OSError, TimeoutError, ua.UaError):
+                await subscription.delete()
+
+
+async def pump_events(subscription: Any, queue: "asyncio.Queue[Event]") -> None:
+    """Move a subscription's events into a queue; the oldest gives way when nobody reads."""
+    async for told in subscription:
+        if not isinstance(told, OpcEvent):
+            continue
+        fields = told.event.get_event_props_as_fields_dict()
+        message = fields["Message"].Value
+        if queue.full():
+            queue.get_nowait()
+        queue.put_nowait(
+            Event(
+                kind=fields["EventType"].Value,
+                source=fields["SourceName"].Value or "",
+                message=(message.Text or "") if message else "",
+                severity=int(fields["Severity"].Value or 0),
+                job_id=fields["JobId"].Value or "",
+                progress=fields["Progress"].Value,
+            )
+        )
+
+
+def describe(error: BaseException) -> str:
+    """Return an exception as words: some of asyncio's have none of their own."""
+    return str(error) or type(error).__name__

@@ -1,0 +1,310 @@
+"""`SkillClient`: the skill library and the workstations of one server, typed."""
+
+import asyncio
+import contextlib
+import time
+from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
+from pathlib import Path as FilePath
+
+import numpy as np
+
+from models.demonstration import Demonstration
+from opcua_skill.client import wire
+from opcua_skill.client.errors import TookTooLong
+from opcua_skill.client.session import Event, Session
+from opcua_skill.client.values import (
+    JobReport,
+    Learned,
+    LearningOptions,
+    Limits,
+    Path,
+    Recipe,
+    Recordings,
+    Skill,
+    SkillSummary,
+)
+from opcua_skill.client.workstation import Workstation, ask_report
+
+LIBRARY = "SkillLibrary"
+POLL = 0.5
+OnProgress = Callable[[JobReport], None]
+
+
+class SkillClient:
+    """A person or a program at a skill library: signs in, and asks only what INTERFACE offers.
+
+    Every refusal is a `Refused` with the status, the argument and the server's reason.
+    """
+
+    def __init__(
+        self,
+        url: str,
+        user: str,
+        password: str,
+        *,
+        folder: FilePath | None = None,
+        timeout: float = 30.0,
+        secure: bool = True,
+    ) -> None:
+        """``folder`` keeps the client's certificate and the servers it knows; ``timeout`` in s is for one request."""
+        self.session = Session(url, user, password, folder=folder, timeout=timeout, secure=secure)
+
+    async def __aenter__(self) -> "SkillClient":
+        await self.session.open()
+        return self
+
+    async def __aexit__(self, *exception: object) -> None:
+        await self.session.close()
+
+    def workstation(self, name: str) -> Workstation:
+        """Return a workstation of this server; whether it exists shows at the first call."""
+        return Workstation(self.session, name)
+
+    async def workstations(self) -> list[str]:
+        """Return the names of the server's workstations."""
+        return await self.session.children("Machines")
+
+    async def limits(self) -> Limits:
+        """Return what one call may bring."""
+        names = ("MaxDemonstrations", "MaxPointsPerDemonstration", "MaxQueuedJobs")
+        values = await self.session.read(*(f"{LIBRARY}/Limits/{name}" for name in names))
+        return Limits(*(int(value) for value in values))
+
+    async def learn(
+        self,
+        skill_name: str,
+        demonstrations: Sequence[Demonstration],
+        *,
+        semantic_type: str = "",
+        options: LearningOptions | None = None,
+    ) -> Learned:
+        """Send demonstrations. Comes back when the skill is stored, or after 1 s while the job still runs."""
+        job_id, state, version, results, report = await self.session.call(
+            LIBRARY,
+            "LearnFromDemonstration",
+            SkillName=wire.string(skill_name),
+            SemanticType=wire.string(semantic_type),
+            Demonstrations=wire.structure_array(
+                [wire.demonstration_out(self.session.structure, one) for one in demonstrations]
+            ),
+            Options=wire.structure(wire.options_out(self.session.structure, options or LearningOptions())),
+        )
+        return Learned(job_id, state, int(version), tuple(code.name for code in results or ()), wire.document(report))
+
+    async def learn_to_the_end(
+        self,
+        skill_name: str,
+        demonstrations: Sequence[Demonstration],
+        *,
+        semantic_type: str = "",
+        options: LearningOptions | None = None,
+        limit: float = 600.0,
+        on_progress: OnProgress | None = None,
+    ) -> JobReport:
+        """Send demonstrations and return the report of the learning job when it has ended, however it ended."""
+        learned = await self.learn(skill_name, demonstrations, semantic_type=semantic_type, options=options)
+        return await self.follow(learned.job_id, limit=limit, on_progress=on_progress)
+
+    async def find_skills(
+        self, *, semantic_type: str = "", state: str = "", workstation: str = "", name_prefix: str = "", limit: int = 0
+    ) -> list[SkillSummary]:
+        """Return the newest version of every skill that matches, page by page; ``limit`` 0 means all."""
+        found: list[SkillSummary] = []
+        after = ""
+        while True:
+            skills, after = await self.session.call(
+                LIBRARY,
+                "FindSkills",
+                SemanticType=wire.string(semantic_type),
+                State=wire.string(state),
+                Workstation=wire.string(workstation),
+                NamePrefix=wire.string(name_prefix),
+                After=wire.string(after),
+                Limit=wire.uint32(limit - len(found) if limit else 0),
+            )
+            found += [wire.summary_in(skill) for skill in skills or ()]
+            if not after or (limit and len(found) >= limit):
+                return found
+
+    async def skill(self, skill_name: str, version: int = 0) -> Skill:
+        """Return a version's semantic description; 0 is the newest."""
+        [text] = await self.session.call(
+            LIBRARY, "GetSkill", SkillName=wire.string(skill_name), Version=wire.uint32(version)
+        )
+        return Skill.from_document(wire.document(text))
+
+    async def recordings(self, skill_name: str, version: int = 0) -> Recordings:
+        """Return the demonstrations a version was learned from, as sent and as aligned."""
+        raw, aligned = await self.session.call(
+            LIBRARY, "GetDemonstrations", SkillName=wire.string(skill_name), Version=wire.uint32(version)
+        )
+        return Recordings(
+            tuple(wire.demonstration_in(one) for one in raw or ()),
+            tuple(wire.demonstration_in(one) for one in aligned or ()),
+        )
+
+    async def path(self, skill_name: str, version: int = 0, *, recipe_id: str = "", time_step: float = 0.0) -> Path:
+        """Return the path of a version, as learned or as a recipe wants it."""
+        dimension, times, positions, covariances, dispense = await self.session.call(
+            LIBRARY,
+            "GetTrajectory",
+            SkillName=wire.string(skill_name),
+            Version=wire.uint32(version),
+            RecipeId=wire.string(recipe_id),
+            TimeStep=wire.double(time_step),
+        )
+        n, d = len(times), int(dimension)
+        return Path(
+            times=np.asarray(times, dtype=np.float64),
+            points=np.asarray(positions, dtype=np.float64).reshape(n, d),
+            covariances=np.asarray(covariances, dtype=np.float64).reshape(n, d, d),
+            dispense=np.asarray(dispense, dtype=bool),
+        )
+
+    async def remove_points(
+        self, skill_name: str, version: int, indices: Sequence[int], *, demonstration_id: str = "", comment: str = ""
+    ) -> int:
+        """Strike samples and learn again from what is left; return the new version.
+
+        ``indices`` count samples of one recording, or of the learned path when ``demonstration_id`` is empty.
+        """
+        [new] = await self.session.call(
+            LIBRARY,
+            "RemovePoints",
+            SkillName=wire.string(skill_name),
+            Version=wire.uint32(version),
+            DemonstrationId=wire.string(demonstration_id),
+            Indices=wire.uint32_array(indices),
+            Comment=wire.string(comment),
+        )
+        return int(new)
+
+    async def approve(self, skill_name: str, version: int, model_digest: bytes, comment: str = "") -> str:
+        """Approve exactly the model with this digest; return the version's state."""
+        return await self._judge("Approve", skill_name, version, model_digest, comment)
+
+    async def reject(self, skill_name: str, version: int, model_digest: bytes, comment: str = "") -> str:
+        """Reject exactly the model with this digest; return the version's state."""
+        return await self._judge("Reject", skill_name, version, model_digest, comment)
+
+    async def _judge(self, method: str, skill_name: str, version: int, model_digest: bytes, comment: str) -> str:
+        [state] = await self.session.call(
+            LIBRARY,
+            method,
+            SkillName=wire.string(skill_name),
+            Version=wire.uint32(version),
+            ModelDigest=wire.byte_string(model_digest),
+            Comment=wire.string(comment),
+        )
+        return state
+
+    async def deploy(self, skill_name: str, version: int, workstation: str) -> str:
+        """Make an approved version what a workstation runs; return the version's state."""
+        return await self._place("Deploy", skill_name, version, workstation)
+
+    async def withdraw(self, skill_name: str, version: int, workstation: str) -> str:
+        """Take a version off a workstation; return the version's state."""
+        return await self._place("Withdraw", skill_name, version, workstation)
+
+    async def _place(self, method: str, skill_name: str, version: int, workstation: str) -> str:
+        [state] = await self.session.call(
+            LIBRARY,
+            method,
+            SkillName=wire.string(skill_name),
+            Version=wire.uint32(version),
+            Workstation=wire.string(workstation),
+        )
+        return state
+
+    async def retire(self, skill_name: str, version: int, comment: str = "") -> str:
+        """Retire a version for good; return its state."""
+        [state] = await self.session.call(
+            LIBRARY,
+            "Retire",
+            SkillName=wire.string(skill_name),
+            Version=wire.uint32(version),
+            Comment=wire.string(comment),
+        )
+        return state
+
+    async def export_skill(self, skill_name: str, version: int = 0, file_format: str = "json") -> str:
+        """Return a version as text in an exchange format."""
+        [content] = await self.session.call(
+            LIBRARY,
+            "ExportSkill",
+            SkillName=wire.string(skill_name),
+            Version=wire.uint32(version),
+            Format=wire.string(file_format),
+        )
+        return content
+
+    async def import_skill(self, content: str, file_format: str = "json") -> tuple[str, int]:
+        """Store a version from an exchange format; return its name and new version number, in state Learned."""
+        name, version = await self.session.call(
+            LIBRARY, "ImportSkill", Content=wire.string(content), Format=wire.string(file_format)
+        )
+        return name, int(version)
+
+    async def put_recipe(self, recipe: Recipe) -> None:
+        """Store a recipe, or replace the one of that id."""
+        await self.session.call(
+            LIBRARY, "PutRecipe", Recipe=wire.structure(wire.recipe_out(self.session.structure, recipe))
+        )
+
+    async def recipe(self, recipe_id: str) -> Recipe:
+        """Return a recipe."""
+        [value] = await self.session.call(LIBRARY, "GetRecipe", RecipeId=wire.string(recipe_id))
+        return wire.recipe_in(value)
+
+    async def recipes(self, skill_name: str = "") -> list[Recipe]:
+        """Return the recipes of a skill, or all of them."""
+        [values] = await self.session.call(LIBRARY, "ListRecipes", SkillName=wire.string(skill_name))
+        return [wire.recipe_in(value) for value in values or ()]
+
+    async def delete_recipe(self, recipe_id: str) -> None:
+        """Delete a recipe."""
+        await self.session.call(LIBRARY, "DeleteRecipe", RecipeId=wire.string(recipe_id))
+
+    async def job(self, job_id: str) -> JobReport:
+        """Return the report of a learning job; for a motion ask its workstation."""
+        return await ask_report(self.session, LIBRARY, job_id)
+
+    @contextlib.asynccontextmanager
+    async def events(self) -> AsyncIterator["asyncio.Queue[Event]"]:
+        """Yield a queue of what the server tells while the block runs."""
+        async with self.session.events() as queue:
+            yield queue
+
+    async def follow(
+        self, job_id: str, *, on: str = "", limit: float = 600.0, on_progress: OnProgress | None = None
+    ) -> JobReport:
+        """Return a job's report once it has ended. ``on`` names the workstation of a motion; empty for learning.
+
+        Woken by the job's events; asks every half second as well, should an event be lost. ``limit`` in s.
+        """
+        place = Workstation(self.session, on).path if on else LIBRARY
+        async with self.session.events() as queue:
+            return await until_ended(lambda: ask_report(self.session, place, job_id), queue, job_id, limit, on_progress)
+
+
+async def until_ended(
+    ask: Callable[[], Awaitable[JobReport]],
+    queue: "asyncio.Queue[Event]",
+    job_id: str,
+    limit: float,
+    on_progress: OnProgress | None,
+) -> JobReport:
+    """Ask again at every event about the job, and every ``POLL`` s, until it has ended or ``limit`` s have passed."""
+    deadline = time.monotonic() + limit
+    while True:
+        report = await ask()
+        if on_progress is not None:
+            on_progress(report)
+        if report.ended:
+            return report
+        if time.monotonic() > deadline:
+            raise TookTooLong(f"job {job_id} is still {report.state} after {limit:g} s ({report.progress:.0%} done)")
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(POLL):
+                while (await queue.get()).job_id != job_id:
+                    continue

@@ -1,0 +1,208 @@
+"""What goes over the wire, as frozen values. Metres, seconds, radians; arrays are row-major numpy arrays."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import datetime
+from types import MappingProxyType
+from typing import Any, Literal
+
+import numpy as np
+
+from models.demonstration import Bools, Demonstration, Floats
+
+Mode = Literal["simulation", "test", "production"]
+MODES: tuple[Mode, ...] = ("simulation", "test", "production")
+ENDED = frozenset({"Completed", "Failed", "Aborted"})
+FAILURES = (
+    "None",
+    "ControlNotOwned",
+    "NotPermittedInMode",
+    "NotApproved",
+    "NotDeployed",
+    "NotFound",
+    "ParameterInvalid",
+    "WorkspaceLimit",
+    "JointLimit",
+    "SpeedLimit",
+    "NoIkSolution",
+    "Singularity",
+    "Collision",
+    "ToleranceExceeded",
+    "QueueFull",
+    "Busy",
+    "Aborted",
+    "ProtectiveStop",
+    "Timeout",
+    "Interrupted",
+    "Internal",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class LearningOptions:
+    """How to learn. Empty or 0 means the preset's own value; ``filter_window`` and ``time_step`` in s."""
+
+    preset: Literal["recommended", "paper"] = "recommended"
+    components: int = 0
+    filter_window: float = 0.0
+    alignment: Literal["", "dtw", "fastdtw"] = ""
+    radius: int = 0
+    clock: Literal["", "path", "time"] = ""
+    reject_outliers: bool = True
+    time_step: float = 0.0
+    seed: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Learned:
+    """What `LearnFromDemonstration` answered: ``results`` holds one status name a demonstration, in the order sent.
+
+    While ``state`` is ``Running``, ``version`` is 0 and ``report`` is empty: follow the job.
+    """
+
+    job_id: str
+    state: str
+    version: int
+    results: tuple[str, ...]
+    report: Mapping[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class SkillSummary:
+    """One line of the library: the newest version of a skill that matches."""
+
+    name: str
+    version: int
+    semantic_type: str
+    state: str
+    model_digest: bytes
+    created_at: datetime | None
+    created_by: str
+    workstations: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Skill:
+    """A version's semantic description. ``means`` (K, D), ``covariances`` (K, D, D); ``document`` is all of it."""
+
+    name: str
+    version: int
+    semantic_type: str
+    state: str
+    model_digest: bytes
+    required_atomic_skills: tuple[str, ...]
+    means: Floats
+    covariances: Floats
+    document: Mapping[str, Any]
+
+    @classmethod
+    def from_document(cls, document: Mapping[str, Any]) -> "Skill":
+        """Read the keys INTERFACE promises; everything else stays in ``document``."""
+        return cls(
+            name=document["name"],
+            version=int(document["version"]),
+            semantic_type=document["semanticType"],
+            state=document["state"],
+            model_digest=bytes.fromhex(document["modelDigest"]),
+            required_atomic_skills=tuple(document["requiredAtomicSkills"]),
+            means=np.asarray(document["means"], dtype=np.float64),
+            covariances=np.asarray(document["covariances"], dtype=np.float64),
+            document=MappingProxyType(dict(document)),
+        )
+
+    @property
+    def report(self) -> Mapping[str, Any]:
+        """The quality report of the learning."""
+        return self.document.get("report") or {}
+
+
+@dataclass(frozen=True, slots=True)
+class Recordings:
+    """What a version was learned from: recordings as sent, and as aligned (all of one length)."""
+
+    raw: tuple[Demonstration, ...]
+    aligned: tuple[Demonstration, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Path:
+    """A path: ``times`` (n,) s, ``points`` (n, d) m, ``covariances`` (n, d, d) m², ``dispense`` (n,)."""
+
+    times: Floats
+    points: Floats
+    covariances: Floats
+    dispense: Bools
+
+
+@dataclass(frozen=True, slots=True)
+class Recipe:
+    """How one product wants a skill run. In m and s; ``frame``: the part in the arm's base, x y z qx qy qz qw."""
+
+    recipe_id: str
+    skill_name: str
+    skill_version: int = 0
+    product: str = ""
+    time_step: float = 0.008
+    timing: Literal["demonstrated", "constant_speed", "time_optimal"] = "demonstrated"
+    duration: float = 0.0
+    speed: float = 0.0
+    speed_override: float = 1.0
+    frame: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+    standoff: float = 0.0
+    approach_height: float = 0.0
+    retract_height: float = 0.0
+    dispense_lead: float = 0.0
+    max_deviation: float = 0.0
+    parameters: Mapping[str, float | str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Started:
+    """What `ExecuteSkill` answered."""
+
+    job_id: str
+    state: str
+
+
+@dataclass(frozen=True, slots=True)
+class JobReport:
+    """A learning or execution job. ``path_error``, ``tracking_error``: RMS and maximum, m; ``samples``: steps."""
+
+    job_id: str
+    kind: str
+    state: str
+    progress: float
+    skill_name: str
+    skill_version: int
+    recipe_id: str
+    mode: str
+    start_time: datetime | None
+    end_time: datetime | None
+    failure: str
+    message: str
+    path_error: tuple[float, float]
+    tracking_error: tuple[float, float]
+    samples: int
+
+    @property
+    def ended(self) -> bool:
+        """Whether nothing more will happen to this job."""
+        return self.state in ENDED
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JobTrace:
+    """What was commanded and measured: ``times`` (n,) s, ``commanded`` and ``measured`` (n, c) m at the nozzle."""
+
+    times: Floats
+    commanded: Floats
+    measured: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """The library's limits, as a client can read them before it sends."""
+
+    max_demonstrations: int
+    max_points_per_demonstration: int
+    max_queued_jobs: int

@@ -1,0 +1,136 @@
+"""One workstation as a client sees it: run skills there, follow them, read what the arm does."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from models.demonstration import Floats
+from opcua_skill.client import wire
+from opcua_skill.client.session import Session
+from opcua_skill.client.values import MODES, JobReport, JobTrace, Mode, Started
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DeployedModel:
+    """The model of a deployed skill, as its nodes show it: ``means`` (K, D), ``covariances`` (K, D, D)."""
+
+    version: int
+    model_digest: bytes
+    means: Floats
+    covariances: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ArmReading:
+    """What the arm's nodes show: ``position`` of the joints in rad, ``tool_pose`` x y z qx qy qz qw in m.
+
+    ``fault`` is empty when nothing is wrong; ``speed_override`` is a fraction of the planned speed.
+    """
+
+    position: Floats
+    tool_pose: Floats
+    speed_override: float
+    at_rest: bool
+    mode: str
+    fault: str
+
+
+async def ask_report(session: Session, place: str, job_id: str) -> JobReport:
+    """Return a job's report from the library or a workstation."""
+    [value] = await session.call(place, "GetJob", JobId=wire.string(job_id))
+    return wire.job_in(value)
+
+
+class Workstation:
+    """The methods and nodes under ``Machines/<name>``."""
+
+    def __init__(self, session: Session, name: str) -> None:
+        self.session = session
+        self.name = name
+        self.path = f"Machines/{name}"
+
+    async def execute(self, skill_name: str, *, recipe_id: str = "", mode: Mode = "production") -> Started:
+        """Queue a run. All is checked first; motion never runs inside the call. No recipe: the skill's own."""
+        job_id, state = await self.session.call(
+            self.path,
+            "ExecuteSkill",
+            SkillName=wire.string(skill_name),
+            RecipeId=wire.string(recipe_id),
+            Mode=wire.int32(MODES.index(mode)),
+        )
+        return Started(job_id, state)
+
+    async def pause(self, job_id: str, comment: str = "") -> str:
+        """Pause a job; return its state."""
+        return await self._steer("PauseJob", job_id, comment)
+
+    async def resume(self, job_id: str, comment: str = "") -> str:
+        """Resume a paused job; return its state."""
+        return await self._steer("ResumeJob", job_id, comment)
+
+    async def abort(self, job_id: str, comment: str = "") -> str:
+        """Abort a job; return its state: `Stopping` until the arm is at rest."""
+        return await self._steer("AbortJob", job_id, comment)
+
+    async def _steer(self, method: str, job_id: str, comment: str) -> str:
+        [state] = await self.session.call(self.path, method, JobId=wire.string(job_id), Comment=wire.string(comment))
+        return state
+
+    async def job(self, job_id: str) -> JobReport:
+        """Return a job's report."""
+        return await ask_report(self.session, self.path, job_id)
+
+    async def jobs(self, state: str = "", limit: int = 100) -> list[JobReport]:
+        """Return the newest jobs, of one state if given."""
+        [values] = await self.session.call(self.path, "ListJobs", State=wire.string(state), Limit=wire.uint32(limit))
+        return [wire.job_in(value) for value in values or ()]
+
+    async def trace(self, job_id: str) -> JobTrace:
+        """Return what was commanded and measured during a job."""
+        times, commanded, measured = await self.session.call(self.path, "GetTrace", JobId=wire.string(job_id))
+        return JobTrace(
+            np.asarray(times or [], dtype=np.float64),
+            wire.matrix(commanded, len(times or [])),
+            wire.matrix(measured, len(times or [])),
+        )
+
+    async def model(self, skill_name: str) -> DeployedModel:
+        """Return version, digest, means and covariances of a skill deployed here, read from its nodes."""
+        at = f"{self.path}/Skills/{skill_name}"
+        names = ("Version", "ModelDigest", "Means", "Covariances")
+        version, digest, means, covariances = await self.session.read(*(f"{at}/{name}" for name in names))
+        flat = np.asarray(means, dtype=np.float64)
+        deviations = np.asarray(covariances, dtype=np.float64)
+        columns = round(deviations.size / flat.size)
+        return DeployedModel(
+            int(version),
+            bytes.fromhex(digest) if isinstance(digest, str) else bytes(digest),
+            flat.reshape(-1, columns),
+            deviations.reshape(-1, columns, columns),
+        )
+
+    async def arm(self) -> ArmReading:
+        """Return what the arm's nodes show now."""
+        names = ("Position", "ToolPose", "SpeedOverride", "AtRest", "Mode", "Fault")
+        position, pose, override, at_rest, mode, fault = await self.session.read(
+            *(f"{self.path}/Arm/{name}" for name in names)
+        )
+        return ArmReading(np.asarray(position), np.asarray(pose), float(override), bool(at_rest), mode, fault or "")
+
+    async def protective_stop(self, comment: str = "") -> None:
+        """Stop the arm as fast as its limits allow; it refuses to move until `reset`. Not an emergency stop."""
+        await self.session.call(f"{self.path}/Arm", "ProtectiveStop", Comment=wire.string(comment))
+
+    async def reset(self, comment: str = "") -> None:
+        """Acknowledge a protective stop or a fault."""
+        await self.session.call(f"{self.path}/Arm", "Reset", Comment=wire.string(comment))
+
+    async def lock(self, context: str = "") -> bool:
+        """Take the arm for this session, until `unlock` or its end; return whether it is ours now."""
+        [status] = await self.session.call(f"{self.path}/Arm/Lock", "InitLock", Context=wire.string(context))
+        return status == 0
+
+    async def unlock(self) -> bool:
+        """Give the arm back; return whether it was ours."""
+        [status] = await self.session.call(f"{self.path}/Arm/Lock", "ExitLock")
+        return status == 0

@@ -1,0 +1,25 @@
+"""Which class moves which workstation: the only place of the product that knows there is a PyBullet."""
+
+from opcua_skill.settings import Settings
+from sim.arm import Arm
+from sim.arms import load
+
+
+class Arms:
+    """Makes the arm of a workstation, or a fresh simulation beside it that runs as fast as it can."""
+
+    def __init__(self, settings: Settings) -> None:
+        self._stations = {station.name: station for station in settings.workstations}
+
+    def __call__(self, workstation: str, simulation: bool) -> Arm:
+        """Return an arm, not yet open."""
+        station = self._stations[workstation]
+        realtime = station.realtime and not simulation
+        model = load(station.arm)
+        if station.driver == "pybullet":
+            from sim.pybullet_arm import PyBulletArm
+
+            return PyBulletArm(model, realtime=realtime)
+        from sim.kinematic_arm import KinematicArm
+
+        return KinematicArm(model, realtime=realtime)

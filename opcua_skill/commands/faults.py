@@ -1,0 +1,5 @@
+"""What a person did that cannot be done, in one sentence; the command line ends with status 1 and prints it."""
+
+
+class Fault(Exception):
+    """The message is for the person at the keyboard: what is wrong, and what to do."""

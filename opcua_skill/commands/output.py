@@ -1,0 +1,73 @@
+"""How results are printed: tables and sentences for people, one JSON document for programs."""
+
+import dataclasses
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import typer
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+screen = Console(highlight=False)
+notes = Console(stderr=True, highlight=False)
+
+
+def plain(value: Any) -> Any:
+    """Return a value as JSON knows it: digests in hex, times in ISO form, NaN as null."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+    if isinstance(value, Mapping):
+        return {str(key): plain(part) for key, part in value.items()}
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, bytes):
+        return value.hex()
+    if isinstance(value, datetime):
+        return value.isoformat()
+    if isinstance(value, Path):
+        return str(value)
+    if isinstance(value, float) and not np.isfinite(value):
+        return None
+    if isinstance(value, Sequence | set | frozenset) and not isinstance(value, str):
+        return [plain(part) for part in value]
+    return value
+
+
+def print_json(value: Any) -> None:
+    """Print one JSON document on one line: the last word of a command with ``--json``."""
+    typer.echo(json.dumps(plain(value), ensure_ascii=False, allow_nan=False))
+
+
+def say(sentence: str) -> None:
+    """Print a result as a sentence. Text from the server is text, never markup."""
+    screen.print(Text(sentence))
+
+
+def note(sentence: str) -> None:
+    """Print something beside the result, on stderr."""
+    notes.print(Text(sentence), style="dim")
+
+
+def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> Table:
+    """Return a table; a column whose head starts with ``>`` is aligned to the right."""
+    made = Table(title=title, title_justify="left", header_style="bold", title_style="")
+    for column in columns:
+        made.add_column(column.lstrip(">"), justify="right" if column.startswith(">") else "left")
+    for row in rows:
+        made.add_row(*(Text(str(cell)) for cell in row))
+    return made
+
+
+def millimetres(metres: float, digits: int = 3) -> str:
+    """Return a length for people; an en dash for one that was not measured."""
+    return f"{metres * 1000:.{digits}f}" if np.isfinite(metres) else "–"
+
+
+def when(moment: datetime | None) -> str:
+    """Return a moment in local time, for people."""
+    return moment.astimezone().strftime("%Y-%m-%d %H:%M:%S") if moment else "–"

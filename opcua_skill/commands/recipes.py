@@ -1,0 +1,97 @@
+"""`recipes …`: how one product wants a skill run, from and to files."""
+
+import json
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from pydantic.alias_generators import to_snake
+
+from opcua_skill.client import Recipe
+from opcua_skill.commands.connection import DEFAULT_SERVER, Json, Server, User, with_client
+from opcua_skill.commands.faults import Fault
+from opcua_skill.commands.fields import made_of
+from opcua_skill.commands.output import plain, print_json, say, screen, table
+
+app = typer.Typer(no_args_is_help=True, help="Recipes: time step, speed, frame and heights of a run.")
+RecipeId = Annotated[str, typer.Argument(metavar="ID", help="id of the recipe")]
+
+
+def recipe_from(file: Path) -> Recipe:
+    """Return the recipe in a JSON or TOML file; a fault names the file, the field and what it should be."""
+    try:
+        text = file.read_text(encoding="utf-8")
+        values: Any = tomllib.loads(text) if file.suffix.lower() == ".toml" else json.loads(text)
+    except (ValueError, tomllib.TOMLDecodeError) as error:
+        raise Fault(f"{file} is neither TOML nor JSON: {error}") from None
+    if not isinstance(values, dict):
+        raise Fault(f"{file} holds no recipe: write one field a line, such as time_step = 0.004")
+    try:
+        return made_of(Recipe, {to_snake(name): value for name, value in values.items()})
+    except ValueError as error:
+        raise Fault(f"{file}: {error}") from None
+
+
+@app.command("list")
+def list_recipes(
+    skill: Annotated[str, typer.Option(help="only of this skill")] = "",
+    server: Server = DEFAULT_SERVER,
+    user: User = "",
+    as_json: Json = False,
+) -> None:
+    """List recipes."""
+    found = with_client(server, user, lambda client: client.recipes(skill))
+    if as_json:
+        print_json(found)
+        return
+    rows = [
+        (
+            one.recipe_id,
+            one.skill_name,
+            one.skill_version or "deployed",
+            f"{one.time_step * 1000:g}",
+            one.timing,
+            one.product,
+        )
+        for one in found
+    ]
+    screen.print(table("", ("recipe", "skill", "version", ">time step, ms", "timing", "product"), rows))
+
+
+@app.command()
+def show(recipe_id: RecipeId, server: Server = DEFAULT_SERVER, user: User = "", as_json: Json = False) -> None:
+    """Show a recipe; with --json in the form that `put` reads."""
+    found = with_client(server, user, lambda client: client.recipe(recipe_id))
+    if as_json:
+        print_json(found)
+    else:
+        screen.print(table(recipe_id, ("field", "value"), plain(found).items()))
+
+
+@app.command()
+def put(
+    file: Annotated[
+        Path, typer.Argument(exists=True, dir_okay=False, help="TOML or JSON file with the recipe's fields")
+    ],
+    server: Server = DEFAULT_SERVER,
+    user: User = "",
+    as_json: Json = False,
+) -> None:
+    """Store a recipe, or replace the one of that id."""
+    recipe = recipe_from(file)
+    with_client(server, user, lambda client: client.put_recipe(recipe))
+    if as_json:
+        print_json(recipe)
+    else:
+        say(f"recipe {recipe.recipe_id} is stored")
+
+
+@app.command()
+def delete(recipe_id: RecipeId, server: Server = DEFAULT_SERVER, user: User = "", as_json: Json = False) -> None:
+    """Delete a recipe."""
+    with_client(server, user, lambda client: client.delete_recipe(recipe_id))
+    if as_json:
+        print_json({"recipe_id": recipe_id})
+    else:
+        say(f"recipe {recipe_id} is deleted")

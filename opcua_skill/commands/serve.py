@@ -1,0 +1,76 @@
+"""`serve` and `panel`: the processes a plant leaves running."""
+
+import asyncio
+import contextlib
+import logging
+import signal
+import sys
+from typing import Annotated
+
+import typer
+
+from opcua_skill.commands.configuration import Config, Data, load_settings
+from opcua_skill.commands.faults import Fault
+from opcua_skill.commands.output import note, say
+from opcua_skill.settings import Settings
+
+log = logging.getLogger(__name__)
+
+
+def serve(
+    config: Config = None,
+    data: Data = None,
+    endpoint: Annotated[
+        str | None, typer.Option(metavar="URL", help="address to listen on; port 0 takes a free one")
+    ] = None,
+    until_stdin_closes: Annotated[bool, typer.Option("--until-stdin-closes", hidden=True)] = False,
+) -> None:
+    """Run the server; Ctrl-C stops it cleanly."""
+    settings = load_settings(config, data=data, endpoint=endpoint)
+    logging.getLogger().setLevel(settings.log_level.upper())
+    try:
+        asyncio.run(keep_serving(settings, until_stdin_closes))
+    except OSError as error:
+        raise Fault(f"cannot serve at {settings.endpoint}: {error}") from None
+
+
+async def keep_serving(settings: Settings, until_stdin_closes: bool) -> None:
+    """Serve until somebody asks to stop: Ctrl-C, SIGTERM, or the process that holds our stdin ending in any way."""
+    from opcua_skill.commands.arms import Arms
+    from opcua_skill.server import SkillServerApp
+
+    stop = asyncio.Event()
+    loop = asyncio.get_running_loop()
+    for name in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(name, stop.set)
+    if until_stdin_closes:
+        watch_stdin(loop, stop)
+    async with SkillServerApp(settings, Arms(settings)) as app:
+        say(f"listening on {app.endpoint}")
+        stations = ", ".join(f"{station.name} ({station.arm}, {station.driver})" for station in settings.workstations)
+        note(f"workstations: {stations}; data in {settings.data}")
+        if not await app.library.users():
+            note(f"nobody can sign in yet: opcua-skill users add NAME --role admin --data {settings.data}")
+        await stop.wait()
+        note("stopping")
+    with contextlib.suppress(BrokenPipeError):
+        say("stopped")
+
+
+def watch_stdin(loop: asyncio.AbstractEventLoop, stop: asyncio.Event) -> None:
+    """Set ``stop`` once stdin has ended: whoever started us is gone, even if killed."""
+
+    def read() -> None:
+        if not sys.stdin.buffer.raw.read(4096):  # pyright: ignore[reportAttributeAccessIssue]
+            loop.remove_reader(sys.stdin.fileno())
+            stop.set()
+
+    loop.add_reader(sys.stdin.fileno(), read)
+
+
+def panel(
+    server: Annotated[str, typer.Option("--server", metavar="URL", help="address of the server")] = "",
+    port: Annotated[int, typer.Option(help="port of the page")] = 8080,
+) -> None:
+    """Open the operator panel in a browser."""
+    raise Fault("the operator panel is not part of this version: it comes in a later one")

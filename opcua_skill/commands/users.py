@@ -1,0 +1,172 @@
+"""`users …`: who may sign in, written straight into the data folder by whoever owns it."""
+
+import asyncio
+import csv
+import sys
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, TypeVar
+
+import typer
+
+from opcua_skill.commands.configuration import Config, Data, load_settings
+from opcua_skill.commands.connection import Json
+from opcua_skill.commands.faults import Fault
+from opcua_skill.commands.output import print_json, say, screen, table, when
+from opcua_skill.security import hash_password, load_certificate
+from opcua_skill.settings import Settings
+from opcua_skill.stack.access import Role
+
+if TYPE_CHECKING:
+    from library.store import SkillLibrary
+
+app = typer.Typer(no_args_is_help=True, help="Users and their roles, on the data folder of a server.")
+Name = Annotated[str, typer.Argument(metavar="NAME", help="name of the user")]
+FromStdin = Annotated[bool, typer.Option("--password-stdin", help="read the password from the first line of stdin")]
+Result = TypeVar("Result")
+
+
+def with_library(settings: Settings, work: "Callable[[SkillLibrary], Awaitable[Result]]") -> Result:
+    """Open the library of a data folder, do the work, close it. Its imports are slow: only these commands pay."""
+    from library.store import SkillLibrary
+
+    async def opened() -> Result:
+        library = await SkillLibrary.open(settings.database_address)
+        try:
+            return await work(library)
+        finally:
+            await library.close()
+
+    return asyncio.run(opened())
+
+
+def new_password(name: str, from_stdin: bool) -> str:
+    """Return a password's hash: from stdin, or typed twice at a terminal. Never an argument: others can read those."""
+    if from_stdin:
+        given = sys.stdin.readline().rstrip("\r\n")
+    elif sys.stdin.isatty():
+        given = typer.prompt(f"New password of {name}", hide_input=True, confirmation_prompt=True, err=True)
+    else:
+        raise Fault("no password: type it at a terminal, or give --password-stdin")
+    try:
+        return hash_password(given)
+    except ValueError as error:
+        raise Fault(f"{error} (argument password)") from None
+
+
+@app.command()
+def add(
+    name: Name,
+    role: Annotated[Role, typer.Option(help="what the user may do")],
+    password_stdin: FromStdin = False,
+    certificate: Annotated[
+        Path | None,
+        typer.Option(exists=True, dir_okay=False, help="sign in with this certificate (DER or PEM) and no password"),
+    ] = None,
+    data: Data = None,
+    config: Config = None,
+    as_json: Json = False,
+) -> None:
+    """Add a user."""
+    der = b""
+    if certificate is not None:
+        try:
+            der = certificate_content(certificate)
+        except ValueError:
+            raise Fault(f"{certificate} is not a certificate in DER or PEM form") from None
+    secret = "" if der and not password_stdin else new_password(name, password_stdin)
+    with_library(
+        load_settings(config, data=data),
+        lambda library: library.add_user(name, role.value, secret, certificate=der, actor="command line"),
+    )
+    if as_json:
+        print_json({"name": name, "role": role.value})
+    else:
+        say(f"{name} may sign in as {role.value}")
+
+
+@app.command("import")
+def import_users(
+    file: Annotated[typer.FileText, typer.Argument(help="CSV with the columns name, role, password; - is stdin")],
+    data: Data = None,
+    config: Config = None,
+    as_json: Json = False,
+) -> None:
+    """Add all users of a CSV file, or none of them."""
+    added = [checked_row(number, row) for number, row in enumerate(csv.DictReader(file), start=2)]
+    settings = load_settings(config, data=data)
+
+    async def work(library: "SkillLibrary") -> None:
+        there = {user.name for user in await library.users()}
+        for name, _, _ in added:
+            if name in there:
+                raise Fault(f"there is a user {name} already: nobody was added")
+        for name, role, secret in added:
+            await library.add_user(name, role.value, secret, actor="command line")
+
+    with_library(settings, work)
+    if as_json:
+        print_json([{"name": name, "role": role.value} for name, role, _ in added])
+    else:
+        say(f"{len(added)} users may sign in: {', '.join(name for name, _, _ in added)}")
+
+
+def checked_row(number: int, row: dict[str, str]) -> tuple[str, Role, str]:
+    """Return name, role and password hash of a CSV row; a fault names the line and what it lacks."""
+    try:
+        return row["name"], Role(row["role"]), hash_password(row["password"])
+    except KeyError as error:
+        raise Fault(f"line {number}: there is no column {error}: name, role and password are needed") from None
+    except (TypeError, ValueError) as error:
+        raise Fault(f"line {number}: {error}") from None
+
+
+def certificate_content(file: Path) -> bytes:
+    """Return the DER form of the certificate in a file; raises ValueError if there is none."""
+    from cryptography.hazmat.primitives.serialization import Encoding
+
+    return load_certificate(file.read_bytes()).public_bytes(Encoding.DER)
+
+
+@app.command("list")
+def list_users(data: Data = None, config: Config = None, as_json: Json = False) -> None:
+    """List users and their roles."""
+    found = with_library(load_settings(config, data=data), lambda library: library.users())
+    rows = [
+        {
+            "name": user.name,
+            "role": user.role,
+            "signs_in_with": "certificate" if user.certificate else "password",
+            "created_at": user.created_at,
+        }
+        for user in found
+    ]
+    if as_json:
+        print_json(rows)
+        return
+    columns = ("name", "role", "signs in with", "since")
+    screen.print(table("", columns, [(*list(row.values())[:3], when(row["created_at"])) for row in rows]))
+
+
+@app.command()
+def remove(name: Name, data: Data = None, config: Config = None, as_json: Json = False) -> None:
+    """Remove a user; what the user did stays in the records."""
+    with_library(load_settings(config, data=data), lambda library: library.remove_user(name))
+    if as_json:
+        print_json({"name": name})
+    else:
+        say(f"{name} may no longer sign in")
+
+
+@app.command()
+def password(
+    name: Name, password_stdin: FromStdin = False, data: Data = None, config: Config = None, as_json: Json = False
+) -> None:
+    """Give a user a new password."""
+    settings = load_settings(config, data=data)
+    secret = new_password(name, password_stdin)
+    with_library(settings, lambda library: library.set_password_hash(name, secret))
+    if as_json:
+        print_json({"name": name})
+    else:
+        say(f"{name} has a new password")

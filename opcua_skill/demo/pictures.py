@@ -1,0 +1,27 @@
+"""The demo's pictures, all from what clients were told over OPC UA."""
+
+import asyncio
+from pathlib import Path
+
+from opcua_skill.demo.plant import Plant
+from opcua_skill.demo.story import PRESETS, SKILL, Outcome
+from opcua_skill.figures import Run, learning_figure, runs_figure, view_of
+
+
+async def draw(plant: Plant, outcome: Outcome, folder: Path) -> list[Path]:
+    """Write the pictures into a folder and return their files."""
+    async with plant.sign_in("visitor") as visitor:
+        views = [
+            await view_of(visitor, SKILL, outcome.skills[preset].version, f"preset {preset}") for preset in PRESETS
+        ]
+    runs = [
+        Run(
+            f"recipe {run.recipe.recipe_id}: {run.report.samples} steps of {run.recipe.time_step * 1000:g} ms",
+            run.trace,
+        )
+        for run in outcome.runs
+    ]
+    files = [folder / "figure-3.png", folder / "commanded-measured.png"]
+    await asyncio.to_thread(learning_figure, views, files[0])
+    await asyncio.to_thread(runs_figure, runs, files[1])
+    return files

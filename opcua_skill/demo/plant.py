@@ -1,0 +1,128 @@
+"""The stage of the demo: a server in a process of its own, on a folder that is gone afterwards, security on."""
+
+import asyncio
+import contextlib
+import os
+import secrets
+import shutil
+import signal
+import sys
+import tempfile
+from collections.abc import AsyncIterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from opcua_skill.client import APPLICATION_URI, ClientError, SkillClient
+from opcua_skill.security import TrustList, ensure_client_certificate
+
+ROLES = {"teacher": "teacher", "engineer": "engineer", "mes": "operator", "visitor": "observer"}
+START_LIMIT = 120.0
+STOP_LIMIT = 20.0
+
+
+class PlantFailed(ClientError):
+    """The server of the demo did not start, or ended by itself."""
+
+
+@dataclass(frozen=True, slots=True)
+class Plant:
+    """A running server and who may sign in there. ``client_folder`` holds the certificate that it trusts."""
+
+    url: str
+    client_folder: Path
+    passwords: Mapping[str, str]
+
+    def sign_in(self, user: str) -> SkillClient:
+        """Return a client for one of the users, not yet connected."""
+        return SkillClient(self.url, user, self.passwords[user], folder=self.client_folder)
+
+
+@contextlib.asynccontextmanager
+async def running_plant(arm: str, *, realtime: bool = True) -> AsyncIterator[Plant]:
+    """Yield a plant with one workstation, ``ws1``. However the block ends, no process and no file is left."""
+    folder = Path(tempfile.mkdtemp(prefix="opcua-skill-demo-"))
+    try:
+        passwords = {user: secrets.token_urlsafe(12) for user in ROLES}
+        await set_up(folder, arm, realtime, passwords)
+        async with serving(folder) as url:
+            yield Plant(url, folder / "client", passwords)
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+async def set_up(folder: Path, arm: str, realtime: bool, passwords: Mapping[str, str]) -> None:
+    """Do what an administrator does before the first start: configuration, users, and the clients' certificate."""
+    settings = f'[[workstations]]\nname = "ws1"\narm = "{arm}"\nrealtime = {str(realtime).lower()}\n'
+    (folder / "plant.toml").write_text(settings, encoding="utf-8")
+    rows = [f"{user},{role},{passwords[user]}" for user, role in ROLES.items()]
+    await administer(folder, "users", "import", "-", typed="\n".join(["name,role,password", *rows]))
+    mine = await asyncio.to_thread(ensure_client_certificate, folder / "client", APPLICATION_URI)
+    TrustList(folder / "data" / "certificates").trust(mine.certificate_file)
+
+
+def command(*words: str) -> tuple[str, ...]:
+    """Return the command line of `opcua-skill`, by this very Python."""
+    return (sys.executable, "-m", "opcua_skill.cli", *words)
+
+
+async def administer(folder: Path, *words: str, typed: str = "") -> None:
+    """Run one command on the data folder; raise with its own sentence if it fails."""
+    process = await asyncio.create_subprocess_exec(
+        *command(*words, "--data", str(folder / "data")),
+        stdin=asyncio.subprocess.PIPE,
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.PIPE,
+    )
+    try:
+        _, complaint = await process.communicate(f"{typed}\n".encode())
+    finally:
+        if process.returncode is None:
+            process.kill()
+    if process.returncode:
+        raise PlantFailed(f"{' '.join(words[:2])}: {complaint.decode().strip()}")
+
+
+@contextlib.asynccontextmanager
+async def serving(folder: Path) -> AsyncIterator[str]:
+    """Yield the address of a server on the folder; it stops when the block ends, or when this process does."""
+    log = folder / "server.log"
+    complaints = os.open(log, os.O_WRONLY | os.O_CREAT, 0o600)
+    try:
+        process = await asyncio.create_subprocess_exec(
+            *command("serve", "--config", str(folder / "plant.toml"), "--data", str(folder / "data")),
+            *("--endpoint", "opc.tcp://127.0.0.1:0", "--until-stdin-closes"),
+            stdin=asyncio.subprocess.PIPE,
+            stdout=asyncio.subprocess.PIPE,
+            stderr=complaints,
+            start_new_session=True,
+        )
+    finally:
+        os.close(complaints)
+    try:
+        yield await address_of(process, log)
+    finally:
+        await asyncio.shield(stop(process))
+
+
+async def address_of(process: asyncio.subprocess.Process, log: Path) -> str:
+    """Return the address the server says it listens on."""
+    assert process.stdout is not None
+    with contextlib.suppress(TimeoutError):
+        async with asyncio.timeout(START_LIMIT):
+            async for line in process.stdout:
+                head, _, url = line.decode().strip().partition("listening on ")
+                if url and not head:
+                    return url
+    lines = (await asyncio.to_thread(log.read_text, "utf-8", "replace")).strip().splitlines()
+    raise PlantFailed(f"the server did not start: {lines[-1] if lines else f'nothing heard for {START_LIMIT:g} s'}")
+
+
+async def stop(process: asyncio.subprocess.Process) -> None:
+    """Let the server stop by itself, then make sure that nothing of its process group is left."""
+    if process.stdin is not None:
+        process.stdin.close()
+    with contextlib.suppress(TimeoutError):
+        await asyncio.wait_for(process.wait(), STOP_LIMIT)
+    with contextlib.suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGKILL)
+    await process.wait()
