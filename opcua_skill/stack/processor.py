@@ -34,8 +34,13 @@ _WITHOUT_SESSION = frozenset(
 )
 
 
+CALLS_AT_ONCE = 8
+LONG_CALL_SECONDS = 0.05
+_CALL = ua.FourByteNodeId(Ids.CallRequest_Encoding_DefaultBinary)
+
+
 class Processor(UaProcessor):
-    """Handles the requests of one connection, one after another."""
+    """Handles the requests of one connection, one after another but for long calls."""
 
     iserver: "SkillInternalServer"  # pyright: ignore[reportIncompatibleVariableOverride]
     session: Session | None  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -44,6 +49,7 @@ class Processor(UaProcessor):
         super().__init__(internal_server, transport, limits)
         self.sessions_tried = 0
         self.failed_sign_ins = 0
+        self._calls: set[asyncio.Task[bool]] = set()
 
     @property
     def channel(self) -> Channel:
@@ -53,6 +59,24 @@ class Processor(UaProcessor):
         return Channel(policy.URI, policy.Mode, Peer(address, bytes(policy.peer_certificate or b"")))
 
     async def process_message(self, seqhdr: Any, body: Any) -> bool:
+        """Answer one request. A call that takes long goes on beside the next requests, so that keep-alives are served."""
+        position = body.cur_pos
+        try:
+            service = nodeid_from_binary(body)
+        except NotEnoughData:
+            service = None
+        body.rewind(position)
+        if service != _CALL:
+            return await self._answer(seqhdr, body)
+        while len(self._calls) >= CALLS_AT_ONCE:
+            await asyncio.wait(self._calls, return_when=asyncio.FIRST_COMPLETED)
+        call = asyncio.create_task(self._answer(seqhdr, body))
+        self._calls.add(call)
+        call.add_done_callback(self._calls.discard)
+        await asyncio.wait({call}, timeout=LONG_CALL_SECONDS)
+        return call.result() if call.done() else True
+
+    async def _answer(self, seqhdr: Any, body: Any) -> bool:
         """Answer one request; what goes wrong becomes a service fault with the code that fits."""
         handle = 0
         try:

@@ -1,0 +1,73 @@
+"""What runs inside worker processes. Refusals come back as values: not every exception survives being pickled."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+from models.demonstration import Demonstration, Edits
+from models.errors import SkillError
+from models.learning import LearnedMotion, LearningOptions, learn
+from models.motion import Motion, Trajectory
+from opcua_skill.workers import report_progress
+from sim.arm import ArmModel
+from sim.arms import load
+from sim.plan import Finding, MotionOrder, MotionPlan, MotionRefused, plan_motion
+
+
+@dataclass(frozen=True, slots=True)
+class LearningRefused:
+    """Demonstrations or options that cannot be learned from: what is at fault, and the remedy."""
+
+    argument: str
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class PlanRefused:
+    """A motion that must not run, with what was found and where on the path."""
+
+    findings: tuple[Finding, ...]
+
+
+def ready() -> bool:
+    """Import everything a first computation needs."""
+    return True
+
+
+def learn_skill(
+    demonstrations: Sequence[Demonstration], edits: Edits, options: LearningOptions
+) -> LearnedMotion | LearningRefused:
+    """Learn a motion."""
+    try:
+        return learn(demonstrations, edits, options, progress=report_progress)
+    except SkillError as error:
+        return LearningRefused(error.argument, str(error))
+
+
+def trajectory_as_learned(motion: Motion, time_step: float) -> Trajectory:
+    """Return the path with the people's own timing; ``time_step`` 0 is the learned one."""
+    return (replace(motion, time_step=time_step) if time_step else motion).as_learned()
+
+
+def trajectory_of_plan(motion: Motion, plan: MotionPlan) -> Trajectory:
+    """Return the learned path at the samples of a plan, in the part's frame, from the path's first sample on."""
+    first, last = plan.path_rows
+    rows = slice(first, last + 1)
+    phases = plan.phases[rows]
+    points, covariances = motion.at_phases(phases)
+    return Trajectory(plan.times[rows] - plan.times[first], phases, points, covariances, plan.dispense[rows])
+
+
+@lru_cache(maxsize=8)
+def _arm(name: str) -> ArmModel:
+    return load(name)
+
+
+def plan_skill(
+    motion: Motion, order: MotionOrder, arm: str, skill_digest: str, recipe_id: str
+) -> MotionPlan | PlanRefused:
+    """Plan and check a motion on an arm."""
+    try:
+        return plan_motion(motion, order, _arm(arm), skill_digest=skill_digest, recipe_id=recipe_id)
+    except MotionRefused as refused:
+        return PlanRefused(tuple(refused.findings))

@@ -1,0 +1,1 @@
+"""What the OPC UA methods do: rights, call, answer. The rules themselves live in library, jobs and sim."""

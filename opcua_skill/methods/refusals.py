@@ -1,0 +1,69 @@
+"""From what went wrong to the exact status code: one table, used by every method."""
+
+from collections.abc import Awaitable, Callable
+from functools import wraps
+from typing import Any
+
+from asyncua.ua.status_codes import StatusCodes
+
+from library.errors import (
+    AlreadyExists,
+    DigestDiffers,
+    InUse,
+    InvalidValue,
+    NotAllowedInState,
+    NotFound,
+    OwnVersion,
+)
+from models.errors import SkillError
+from opcua_skill.arm_lock import LockedByAnother
+from opcua_skill.jobs import LacksAtomicSkill, LearningFailed, MotionNotPossible, NotExecutable, QueueFull
+from opcua_skill.stack.calls import Refused
+from sim.arm import CommandRefused
+
+Code = StatusCodes
+
+CODES: dict[type[Exception], int] = {
+    NotFound: Code.BadNotFound,
+    NotAllowedInState: Code.BadInvalidState,
+    DigestDiffers: Code.BadInvalidState,
+    InUse: Code.BadInvalidState,
+    AlreadyExists: Code.BadInvalidState,
+    OwnVersion: Code.BadUserAccessDenied,
+    NotExecutable: Code.BadNotExecutable,
+    LacksAtomicSkill: Code.BadNotSupported,
+    QueueFull: Code.BadResourceUnavailable,
+    LockedByAnother: Code.BadLocked,
+    MotionNotPossible: Code.BadOutOfRange,
+    CommandRefused: Code.BadInvalidState,
+}
+BLAMED = {"demonstrations": "Demonstrations", "options": "Options", "edits": "Indices", "model": "Content"}
+
+
+def out_of_range(argument: str, reason: str) -> Refused:
+    """Return the refusal of one argument's value."""
+    return Refused(Code.BadInvalidArgument, reason, arguments={argument: Code.BadOutOfRange})
+
+
+def refusing(
+    *, blame: str = "", fields: dict[str, str] | None = None
+) -> Callable[[Callable[..., Awaitable[Any]]], Callable[..., Awaitable[Any]]]:
+    """Translate what a method's work raises. ``blame``: the argument at fault for a bad value; ``fields`` maps more."""
+
+    def decorate(method: Callable[..., Awaitable[Any]]) -> Callable[..., Awaitable[Any]]:
+        @wraps(method)
+        async def translated(*arguments: Any) -> Any:
+            try:
+                return await method(*arguments)
+            except tuple(CODES) as error:
+                raise Refused(CODES[type(error)], str(error)) from error
+            except InvalidValue as error:
+                raise out_of_range((fields or {}).get(error.field, blame), str(error)) from error
+            except LearningFailed as error:
+                raise out_of_range(BLAMED.get(error.argument, blame), str(error)) from error
+            except SkillError as error:
+                raise out_of_range(BLAMED.get(error.argument, blame), str(error)) from error
+
+        return translated
+
+    return decorate

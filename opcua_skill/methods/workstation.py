@@ -1,0 +1,152 @@
+"""The methods of a workstation: running skills, and the arm's stop, reset and lock."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from library.description import JobState
+from library.errors import NotFound
+from library.store import SkillLibrary
+from library.values import check_text
+from opcua_skill.arm_lock import ArmLock
+from opcua_skill.jobs import JobEngine, Station
+from opcua_skill.lane import Lane
+from opcua_skill.methods.refusals import Code, out_of_range, refusing
+from opcua_skill.methods.values import wire_report
+from opcua_skill.settings import Settings
+from opcua_skill.stack.access import Role, caller
+from opcua_skill.stack.calls import Refused
+from opcua_skill.tidings import Tidings
+
+MODES = ("simulation", "test", "production")
+MODE_ROLES = {"simulation": Role.TEACHER, "test": Role.ENGINEER, "production": Role.OPERATOR}
+
+
+@dataclass(frozen=True)
+class WorkstationMethods:
+    """Handlers of one workstation's methods."""
+
+    library: SkillLibrary
+    jobs: JobEngine
+    station: Station
+    lock: ArmLock
+    settings: Settings
+    tidings: Tidings
+    lock_changed: Callable[[], Any]
+
+    @refusing(blame="RecipeId")
+    async def execute_skill(self, skill_name: str, recipe_id: str, mode: int) -> tuple[Any, ...]:
+        """Check a run completely and queue it; nothing has moved when this answers."""
+        if not 0 <= mode < len(MODES):
+            raise out_of_range("Mode", f"there is no mode {mode}: 0 is simulation, 1 test, 2 production")
+        word, who = MODES[mode], caller()
+        if who.role not in MODE_ROLES[word].and_above:
+            raise Refused(Code.BadUserAccessDenied, f"the role {who.role} may not run in {word} mode")
+        if word != "simulation":
+            self.lock.check(who.session_id)
+        await self.library.description(skill_name)
+        chosen = await self.library.recipe(recipe_id or await self.library.default_recipe_id(skill_name))
+        if chosen.skill_name != skill_name:
+            raise NotFound("recipe", f"{recipe_id} of {skill_name}")
+        report = await self.jobs.execute(self.station.name, skill_name, chosen, word, who.name)  # type: ignore[arg-type]
+        return (report.job_id, report.state.value)
+
+    async def _lane_of(self, job_id: str) -> Lane:
+        """Return the lane that holds a job of this workstation; a job that has ended is in no lane."""
+        report = await self.library.job(job_id)
+        if report.workstation != self.station.name:
+            raise NotFound("job", f"{job_id} of {self.station.name}")
+        lane = self.station.simulation if report.mode == "simulation" else self.station.lane
+        return lane
+
+    @refusing(blame="JobId", fields={"comment": "Comment"})
+    async def pause_job(self, job_id: str, comment: str) -> tuple[Any, ...]:
+        """Stop on the path; the job can be resumed."""
+        check_text(comment, "comment", 2000)
+        report = await (await self._lane_of(job_id)).pause(job_id, comment or f"{caller().name} paused the job")
+        return (report.state.value,)
+
+    @refusing(blame="JobId", fields={"comment": "Comment"})
+    async def resume_job(self, job_id: str, comment: str) -> tuple[Any, ...]:
+        """Go on where the arm paused."""
+        check_text(comment, "comment", 2000)
+        lane = await self._lane_of(job_id)
+        if lane is self.station.lane:
+            self.lock.check(caller().session_id)
+        return ((await lane.resume(job_id)).state.value,)
+
+    @refusing(blame="JobId", fields={"comment": "Comment"})
+    async def abort_job(self, job_id: str, comment: str) -> tuple[Any, ...]:
+        """Take a job out of the queue or stop its motion; it is Stopping until the arm is at rest."""
+        check_text(comment, "comment", 2000)
+        report = await (await self._lane_of(job_id)).abort(job_id, comment or f"{caller().name} aborted the job")
+        return (report.state.value,)
+
+    @refusing(blame="JobId")
+    async def get_job(self, job_id: str) -> tuple[Any, ...]:
+        """Return the report of a job."""
+        report = await self.library.job(job_id)
+        progress = None
+        for lane in (self.station.lane, self.station.simulation):
+            progress = progress if progress is not None else lane.progress_of(job_id)
+        if progress is not None and report.state in {JobState.RUNNING, JobState.PAUSED, JobState.STOPPING}:
+            report = report.model_copy(update={"progress": progress})
+        return (wire_report(report),)
+
+    @refusing(blame="State")
+    async def list_jobs(self, state: str, limit: int) -> tuple[Any, ...]:
+        """Return the newest jobs of this workstation."""
+        if state and state not in {one.value for one in JobState}:
+            raise out_of_range("State", f"there is no state {state!r}: {', '.join(one.value for one in JobState)}")
+        most = self.settings.limits.max_page
+        found = await self.library.jobs(state=state, limit=min(limit or most, most), workstation=self.station.name)
+        return ([wire_report(one) for one in found],)
+
+    @refusing(blame="JobId")
+    async def get_trace(self, job_id: str) -> tuple[Any, ...]:
+        """Return commanded and measured nozzle tip of a run: x y z in m in the arm's base, row-major."""
+        trace = await self.library.trace(job_id)
+        return (trace.times.tolist(), trace.commanded.ravel().tolist(), trace.measured.ravel().tolist())
+
+    @refusing(blame="Comment")
+    async def protective_stop(self, comment: str) -> tuple[Any, ...]:
+        """Stop the arm as fast as its limits allow; it refuses to move until it is reset."""
+        check_text(comment, "comment", 2000)
+        because = comment or f"{caller().name} pressed the protective stop"
+        await self.station.lane.protective_stop(because)
+        await self.station.arm.protective_stop(because)
+        await self.tidings.protective_stop(self.station.name, because, caller().name)
+        return ()
+
+    @refusing(blame="Comment")
+    async def reset(self, comment: str) -> tuple[Any, ...]:
+        """Acknowledge a protective stop or a fault, so that the arm may move again."""
+        check_text(comment, "comment", 2000)
+        self.lock.check(caller().session_id)
+        await self.station.arm.reset()
+        return ()
+
+    async def init_lock(self, context: str) -> tuple[Any, ...]:
+        """Take the arm for oneself (OPC 10000-100): 0, or -1 when somebody has it."""
+        who = caller()
+        status = self.lock.take(who.session_id, who.name, check_text(context, "Context", 256) or who.peer)
+        await self.lock_changed()
+        return (status,)
+
+    async def renew_lock(self) -> tuple[Any, ...]:
+        """Keep the arm: 0, or -1 when one does not have it."""
+        status = self.lock.renew(caller().session_id)
+        await self.lock_changed()
+        return (status,)
+
+    async def exit_lock(self) -> tuple[Any, ...]:
+        """Give the arm back: 0, or -1 when one does not have it."""
+        status = self.lock.give_back(caller().session_id)
+        await self.lock_changed()
+        return (status,)
+
+    async def break_lock(self) -> tuple[Any, ...]:
+        """Take the lock away from whoever has it: 0, or -1 when nobody has."""
+        status = self.lock.break_lock()
+        await self.lock_changed()
+        return (status,)

@@ -1,0 +1,186 @@
+"""The face of the skill library: `SkillLibrary`, its methods and its limits."""
+
+from collections.abc import Awaitable, Callable
+from typing import Any
+
+from asyncua.ua.object_ids import ObjectIds
+
+from opcua_skill.methods.library import LibraryMethods
+from opcua_skill.nodes.tree import Tree, count, standard
+from opcua_skill.nodes.types import BOOLEAN, BYTE, BYTE_STRING, DOUBLE, STATUS_CODE, STRING, UINT32
+from opcua_skill.settings import Limits
+from opcua_skill.stack.access import Role
+from opcua_skill.stack.calls import Argument, MethodSpec, add_method
+from opcua_skill.stack.events import make_notifier
+
+PATH = "SkillLibrary"
+READERS = Role.OBSERVER.and_above
+OPERATORS = Role.OPERATOR.and_above
+TEACHERS = Role.TEACHER.and_above
+ENGINEERS = Role.ENGINEER.and_above
+
+SKILL = Argument("SkillName", STRING, description="name of the skill")
+VERSION = Argument("Version", UINT32, description="0: the newest")
+COMMENT = Argument("Comment", STRING, description="why, for the record")
+DIGEST = Argument("ModelDigest", BYTE_STRING, description="SHA-256 of the model that was looked at")
+WORKSTATION = Argument("Workstation", STRING)
+STATE = Argument("State", STRING)
+RECIPE_ID = Argument("RecipeId", STRING)
+FORMAT = Argument("Format", STRING, description="json")
+JOB_ID = Argument("JobId", STRING)
+
+
+def method(
+    name: str,
+    handler: Callable[..., Awaitable[tuple[Any, ...]]],
+    roles: frozenset[Role],
+    inputs: tuple[Argument, ...],
+    outputs: tuple[Argument, ...],
+    *,
+    changes: bool = True,
+    seconds: float = 30.0,
+) -> MethodSpec:
+    """Return the specification of a method, described by its handler's first line."""
+    description = (handler.__doc__ or "").strip().split("\n")[0]
+    return MethodSpec(name, inputs, outputs, handler, roles, changes, description, seconds)
+
+
+def specs(tree: Tree, methods: LibraryMethods) -> tuple[MethodSpec, ...]:
+    """Return the methods of SkillLibrary: arguments as in docs/interface.md, rights as in its section on roles."""
+    demonstrations = tree.type_id("DemonstrationDataType")
+    options = tree.type_id("LearningOptionsDataType")
+    summary = tree.type_id("SkillSummaryDataType")
+    recipe = tree.type_id("RecipeDataType")
+    report = tree.type_id("JobReportDataType")
+    return (
+        method(
+            "LearnFromDemonstration",
+            methods.learn_from_demonstration,
+            TEACHERS,
+            (
+                SKILL,
+                Argument("SemanticType", STRING, description="what kind of skill, such as Gluing or an IRI"),
+                Argument("Demonstrations", demonstrations, 1),
+                Argument("Options", options),
+            ),
+            (
+                JOB_ID,
+                STATE,
+                Argument("SkillVersion", UINT32, description="0 while the job goes on"),
+                Argument("DemonstrationResults", STATUS_CODE, 1),
+                Argument("Report", STRING, description="JSON: verdicts and quality"),
+            ),
+        ),
+        method(
+            "FindSkills",
+            methods.find_skills,
+            READERS,
+            (
+                Argument("SemanticType", STRING, description="empty: any"),
+                Argument("State", STRING, description="empty: any"),
+                Argument("Workstation", STRING, description="empty: any"),
+                Argument("NamePrefix", STRING, description="empty: any"),
+                Argument("After", STRING, description="Next of the page before; empty: the first page"),
+                Argument("Limit", UINT32, description="0: the server's limit"),
+            ),
+            (Argument("Skills", summary, 1), Argument("Next", STRING, description="empty: no more")),
+            changes=False,
+        ),
+        method(
+            "GetSkill",
+            methods.get_skill,
+            READERS,
+            (SKILL, VERSION),
+            (Argument("Description", STRING, description="JSON"),),
+            changes=False,
+        ),
+        method(
+            "GetDemonstrations",
+            methods.get_demonstrations,
+            READERS,
+            (SKILL, VERSION),
+            (Argument("Raw", demonstrations, 1), Argument("Aligned", demonstrations, 1)),
+            changes=False,
+        ),
+        method(
+            "GetTrajectory",
+            methods.get_trajectory,
+            READERS,
+            (
+                SKILL,
+                VERSION,
+                Argument("RecipeId", STRING, description="empty: as learned"),
+                Argument("TimeStep", DOUBLE, description="s; 0: the recipe's"),
+            ),
+            (
+                Argument("Dimension", BYTE),
+                Argument("Times", DOUBLE, 1, "s"),
+                Argument("Positions", DOUBLE, 1, "m, row-major, Dimension values a sample"),
+                Argument("Covariances", DOUBLE, 1, "m², row-major, Dimension² values a sample"),
+                Argument("Dispense", BOOLEAN, 1),
+            ),
+            changes=False,
+        ),
+        method(
+            "RemovePoints",
+            methods.remove_points,
+            TEACHERS,
+            (
+                SKILL,
+                VERSION,
+                Argument("DemonstrationId", STRING, description="empty: samples of the learned path"),
+                Argument("Indices", UINT32, 1),
+                COMMENT,
+            ),
+            (Argument("SkillVersion", UINT32),),
+            seconds=90.0,
+        ),
+        method("Approve", methods.approve, ENGINEERS, (SKILL, VERSION, DIGEST, COMMENT), (STATE,)),
+        method("Reject", methods.reject, ENGINEERS, (SKILL, VERSION, DIGEST, COMMENT), (STATE,)),
+        method("Deploy", methods.deploy, ENGINEERS, (SKILL, VERSION, WORKSTATION), (STATE,)),
+        method("Withdraw", methods.withdraw, ENGINEERS, (SKILL, VERSION, WORKSTATION), (STATE,)),
+        method("Retire", methods.retire, ENGINEERS, (SKILL, VERSION, COMMENT), (STATE,)),
+        method(
+            "ExportSkill",
+            methods.export_skill,
+            READERS,
+            (SKILL, VERSION, FORMAT),
+            (Argument("Content", STRING),),
+            changes=False,
+        ),
+        method(
+            "ImportSkill",
+            methods.import_skill,
+            TEACHERS,
+            (Argument("Content", STRING), FORMAT),
+            (SKILL, Argument("SkillVersion", UINT32)),
+        ),
+        method("PutRecipe", methods.put_recipe, ENGINEERS, (Argument("Recipe", recipe),), ()),
+        method("GetRecipe", methods.get_recipe, OPERATORS, (RECIPE_ID,), (Argument("Recipe", recipe),), changes=False),
+        method(
+            "ListRecipes", methods.list_recipes, OPERATORS, (SKILL,), (Argument("Recipes", recipe, 1),), changes=False
+        ),
+        method("DeleteRecipe", methods.delete_recipe, ENGINEERS, (RECIPE_ID,), ()),
+        method("GetJob", methods.get_job, READERS, (JOB_ID,), (Argument("Report", report),), changes=False),
+    )
+
+
+async def add_library(tree: Tree, methods: LibraryMethods, limits: Limits) -> None:
+    """Add the library to the Objects folder."""
+    library = tree.object(
+        PATH,
+        standard(ObjectIds.ObjectsFolder),
+        type_definition=tree.type_id("SkillLibraryType"),
+        reference=ObjectIds.Organizes,
+        description="learned skills: versions, approvals, recipes",
+    )
+    await make_notifier(tree.server.get_node(library))
+    for spec in specs(tree, methods):
+        await add_method(tree.server, library, spec, tree.id(f"{PATH}/{spec.name}"), tree.name(spec.name))
+    bounds = tree.object(f"{PATH}/Limits", library, type_definition=tree.type_id("LibraryLimitsType"))
+    for name, value in (
+        ("MaxDemonstrations", limits.max_demonstrations),
+        ("MaxPointsPerDemonstration", limits.max_points_per_demonstration),
+        ("MaxQueuedJobs", limits.max_queued_jobs),
+    ):
+        tree.property(f"{PATH}/Limits/{name}", bounds, count(value))

@@ -1,0 +1,226 @@
+"""The server: library, job engine, address space and endpoint put together, started in order and stopped in order."""
+
+import asyncio
+import logging
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+from asyncua import ua
+
+from library.description import AuditEntry, JobReport, SkillDescription
+from library.store import SkillLibrary
+from opcua_skill.arm_lock import ArmLock, LockedByAnother
+from opcua_skill.jobs import ArmFactory, JobEngine, Station
+from opcua_skill.methods.library import LibraryMethods
+from opcua_skill.methods.refusals import Code
+from opcua_skill.methods.values import audit_value
+from opcua_skill.methods.workstation import WorkstationMethods
+from opcua_skill.nodes.library import add_library
+from opcua_skill.nodes.skills import SkillNodes
+from opcua_skill.nodes.tree import Tree, number, numbers, text
+from opcua_skill.nodes.types import add_types
+from opcua_skill.nodes.workstation import add_workstation
+from opcua_skill.security import Authenticator, SecuritySettings
+from opcua_skill.settings import Settings
+from opcua_skill.stack.access import caller
+from opcua_skill.stack.calls import CallRecord, Refused
+from opcua_skill.stack.server import SkillServer
+from opcua_skill.tidings import Tidings
+from sim.arm import ArmError, ArmModel, ArmState
+from sim.arms import load
+
+SHOW_STATE_EVERY = 0.1
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass
+class _Face:
+    """One workstation as shown: its lock, its skills, and what was last shown of its arm."""
+
+    station: Station
+    lock: ArmLock
+    skills: SkillNodes
+    shown: ArmState | None = None
+    shown_lock: tuple[bool, str] = (False, "")
+
+
+class SkillServerApp:
+    """The whole server of one process. ``arm_factory`` makes arms: it is the only way anything can move."""
+
+    def __init__(self, settings: Settings, arm_factory: ArmFactory) -> None:
+        self.settings = settings
+        self._arm_factory = arm_factory
+        self._models: Mapping[str, ArmModel] = {one.name: load(one.arm) for one in settings.workstations}
+        self._faces: dict[str, _Face] = {}
+        self._showing: asyncio.Task[None] | None = None
+        self.library: SkillLibrary
+        self.jobs: JobEngine
+        self.server: SkillServer
+        self._authenticator: Authenticator
+        self._tree: Tree
+        self._tidings: Tidings
+
+    async def __aenter__(self) -> Self:
+        await self.start()
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        await self.stop()
+
+    @property
+    def endpoint(self) -> str:
+        """The address clients connect to."""
+        return self.server.url
+
+    @property
+    def insecure(self) -> tuple[str, ...]:
+        """What the configuration weakens, in words; empty as it comes."""
+        return self.server.insecure
+
+    async def start(self) -> None:
+        """Open the library, build the address space, open the arms, then the endpoint."""
+        settings = self.settings
+        settings.data.mkdir(parents=True, exist_ok=True, mode=0o700)
+        self.library = await SkillLibrary.open(settings.database_address)
+        self._authenticator = Authenticator(self.library)
+        security = SecuritySettings(
+            folder=settings.data / "certificates",
+            endpoint=settings.endpoint,
+            application_uri=settings.application_uri,
+            insecure_no_encryption=settings.security.allow_no_security,
+            insecure_anonymous=settings.security.allow_anonymous,
+            insecure_trust_every_client=settings.security.trust_all_clients,
+        )
+        self.server = SkillServer(self._authenticator, security, on_call=self._record)
+        await self.server.init()
+        self._tree = await Tree.on(self.server)
+        await add_types(self._tree)
+        self._tidings = Tidings(self._tree)
+        self.jobs = JobEngine(
+            self.library, settings, self._models, self._arm_factory, self._job_changed, self._tidings.version_changed
+        )
+        methods = LibraryMethods(self.library, self.jobs, settings, self._tidings)
+        await add_library(self._tree, methods, settings.limits)
+        await self.jobs.start()
+        for workstation in settings.workstations:
+            await self._add_workstation(workstation.name)
+        self._tidings.on_deployment.append(self._deployment_changed)
+        self.server.iserver.on_session_closed.append(self._session_closed)
+        await self.server.start()
+        self._showing = asyncio.create_task(self._show_state(), name="show state of arms")
+
+    async def stop(self) -> None:
+        """Stop every motion, then close the endpoint, the workers and the library."""
+        if self._showing is not None:
+            self._showing.cancel()
+            await asyncio.gather(self._showing, return_exceptions=True)
+        await self.jobs.stop()
+        await self.server.stop()
+        self._authenticator.close()
+        await self.library.close()
+
+    async def _add_workstation(self, name: str) -> None:
+        station = self.jobs.stations[name]
+        lock = ArmLock(name)
+        settings = next(one for one in self.settings.workstations if one.name == name)
+
+        async def lock_changed() -> None:
+            await self._show_lock(self._faces[name])
+
+        methods = WorkstationMethods(self.library, self.jobs, station, lock, self.settings, self._tidings, lock_changed)
+        skills = await add_workstation(self._tree, settings, station.model, methods)
+        for description in await self.library.deployments(name):
+            await skills.show(description)
+        self._faces[name] = _Face(station, lock, skills)
+
+        async def set_override(value: Any) -> None:
+            try:
+                lock.check(caller().session_id)
+            except LockedByAnother as locked:
+                raise Refused(Code.BadLocked, str(locked)) from locked
+            if not isinstance(value, float) or not np.isfinite(value) or not 0.0 < value <= 1.0:
+                raise Refused(Code.BadOutOfRange, f"SpeedOverride is {value}: it has to be above 0 and at most 1")
+            try:
+                await station.arm.set_override(value)
+            except ArmError as refused:
+                raise Refused(Code.BadInvalidState, refused.text) from refused
+
+        self.server.obey_writes(self._tree.id(f"Machines/{name}/Arm/SpeedOverride"), set_override)
+
+    async def _record(self, record: CallRecord) -> None:
+        """Write a call into the audit trail; the stack raises the audit event afterwards."""
+        await self.library.audit(
+            AuditEntry(
+                actor=record.caller.name,
+                role=record.caller.role.value,
+                action=record.method_name,
+                target=record.object_id.to_string(),
+                arguments={name: audit_value(value) for name, value in record.arguments},
+                status=record.status_name,
+                reason=record.reason,
+            )
+        )
+
+    async def _job_changed(self, report: JobReport) -> None:
+        face = self._faces.get(report.workstation)
+        if face is not None:
+            await face.skills.job_changed(report)
+        await self._tidings.job_changed(report)
+
+    async def _deployment_changed(self, description: SkillDescription, workstation: str, there: bool) -> None:
+        skills = self._faces[workstation].skills
+        if there:
+            await skills.show(description)
+        else:
+            await skills.hide(description.name)
+
+    async def _session_closed(self, session_id: str) -> None:
+        for face in self._faces.values():
+            if face.lock.session_closed(session_id):
+                await self._show_lock(face)
+
+    async def _show_state(self) -> None:
+        """Keep the arms' nodes true: only what changed is written, at most ten times a second."""
+        while True:
+            for name, face in self._faces.items():
+                try:
+                    await self._show_arm(name, face)
+                    await self._show_lock(face)
+                except Exception:
+                    _log.exception("showing the arm of %s failed", name)
+            await asyncio.sleep(SHOW_STATE_EVERY)
+
+    async def _show_arm(self, name: str, face: _Face) -> None:
+        state, before, path = face.station.arm.state(), face.shown, f"Machines/{name}/Arm"
+        if state == before:
+            return
+        boolean = ua.VariantType.Boolean
+        for field, value, old in (
+            ("Position", numbers(state.joints), before and numbers(before.joints)),
+            ("ToolPose", numbers(state.tool_pose), before and numbers(before.tool_pose)),
+            ("Mode", text(state.mode.value), before and text(before.mode.value)),
+            ("AtRest", ua.Variant(state.at_rest, boolean), before and ua.Variant(before.at_rest, boolean)),
+            ("Known", ua.Variant(state.known, boolean), before and ua.Variant(before.known, boolean)),
+            ("Fault", text(state.fault), before and text(before.fault)),
+            ("SpeedOverride", number(state.override), before and number(before.override)),
+        ):
+            if value != old:
+                await self._tree.write(f"{path}/{field}", value)
+        face.shown = state
+
+    async def _show_lock(self, face: _Face) -> None:
+        holder, path = face.lock.holder, f"Machines/{face.station.name}/Arm/Lock"
+        shown = (holder is not None, holder.session_id if holder else "")
+        if holder is not None:
+            await self._tree.write(f"{path}/RemainingLockTime", number(1000.0 * face.lock.remaining_seconds))
+        if shown == face.shown_lock:
+            return
+        face.shown_lock = shown
+        await self._tree.write(f"{path}/Locked", ua.Variant(shown[0], ua.VariantType.Boolean))
+        await self._tree.write(f"{path}/LockingUser", text(holder.user if holder else ""))
+        await self._tree.write(f"{path}/LockingClient", text(holder.client if holder else ""))
+        if holder is None:
+            await self._tree.write(f"{path}/RemainingLockTime", number(0.0))

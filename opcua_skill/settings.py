@@ -1,0 +1,136 @@
+"""Everything that can be configured, in one model: a TOML file, environment variables `OPCUA_SKILL_…`, or neither."""
+
+import os
+import tomllib
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic_settings import BaseSettings, EnvSettingsSource, SettingsConfigDict
+
+WORKSTATION_NAME = r"^[A-Za-z][A-Za-z0-9_-]{0,63}$"
+
+
+def default_data_folder() -> Path:
+    """Return where a service of this user keeps its state: `$STATE_DIRECTORY`, `$XDG_DATA_HOME` or `~/.local/share`."""
+    if state := os.environ.get("STATE_DIRECTORY"):
+        return Path(state.split(":")[0])
+    return Path(os.environ.get("XDG_DATA_HOME") or Path.home() / ".local" / "share") / "opcua-skill"
+
+
+class Section(BaseModel):
+    """A part of the configuration; an unknown key is an error, not a surprise."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Equipment(Section):
+    """One piece of process equipment and the atomic skills it gives to its workstation."""
+
+    name: str = Field(pattern=WORKSTATION_NAME, description="browse name of the equipment")
+    manufacturer: str = Field(default="", description="as on the name plate")
+    model: str = Field(default="", description="as on the name plate")
+    atomic_skills: tuple[str, ...] = Field(default=(), description="names of atomic skills, e.g. Dispense")
+
+
+DISPENSER = Equipment(
+    name="Dispenser", manufacturer="simulated", model="time-pressure valve", atomic_skills=("Dispense",)
+)
+
+
+class Workstation(Section):
+    """One workstation: an arm and its process equipment."""
+
+    name: str = Field(default="ws1", pattern=WORKSTATION_NAME, description="browse name under Machines")
+    arm: str = Field(default="panda", description="name of the arm")
+    driver: Literal["pybullet", "kinematic"] = Field(
+        "pybullet", description="what moves: PyBullet, or kinematics alone"
+    )
+    realtime: bool = Field(default=True, description="pace a simulated arm like a real one; false: as fast as possible")
+    equipment: tuple[Equipment, ...] = Field(default=(DISPENSER,), description="process equipment")
+    manufacturer: str = Field(default="", description="of the workstation, for its identification")
+    model: str = Field(default="", description="of the workstation, for its identification")
+    serial_number: str = Field(default="", description="of the workstation, for its identification")
+
+
+class Limits(Section):
+    """What one client may ask for at once; told to clients in SkillLibrary/Limits."""
+
+    max_demonstrations: int = Field(default=200, ge=2, description="demonstrations in one call")
+    max_points_per_demonstration: int = Field(default=100_000, ge=2, description="samples of one demonstration")
+    max_queued_jobs: int = Field(default=20, ge=1, description="jobs waiting for one arm, and for learning")
+    max_page: int = Field(default=1000, ge=1, description="rows in one answer of FindSkills, ListRecipes and ListJobs")
+
+
+class Learning(Section):
+    """The learning workers."""
+
+    workers: int = Field(default=1, ge=1, le=64, description="processes that learn")
+    timeout: float = Field(default=600.0, gt=0, description="seconds after which a learning job fails")
+    answer_within: float = Field(
+        default=1.0, gt=0, le=3.0, description="seconds after which the method answers Running"
+    )
+
+
+class Security(Section):
+    """Who may connect. The defaults are strict; every weakening has to be said in as many words."""
+
+    allow_anonymous: bool = Field(default=False, description="let clients in without a user name, as observers")
+    allow_no_security: bool = Field(default=False, description="offer an endpoint with SecurityPolicy None")
+    trust_all_clients: bool = Field(
+        default=False, description="accept any client certificate (user sign-in still holds)"
+    )
+
+
+class Settings(BaseSettings):
+    """The configuration of one server."""
+
+    model_config = SettingsConfigDict(env_prefix="OPCUA_SKILL_", env_nested_delimiter="__", frozen=True, extra="forbid")
+
+    endpoint: str = Field(default="opc.tcp://127.0.0.1:4840", description="address to listen on")
+    data: Path = Field(default_factory=default_data_folder, description="folder of database, certificates and traces")
+    database: str = Field(
+        default="", description="SQLAlchemy address of the database; empty: skills.db in the data folder"
+    )
+    application_uri: str = Field(
+        default="urn:opcua-skill:server", description="application URI in the server's certificate"
+    )
+    four_eyes: bool = Field(default=True, description="who taught a version cannot approve it")
+    log_level: Literal["debug", "info", "warning", "error"] = Field(default="info", description="how much is logged")
+    workstations: tuple[Workstation, ...] = Field(
+        default=(Workstation(),), min_length=1, description="the workstations served"
+    )
+    limits: Limits = Field(default=Limits(), description="limits of one request")
+    learning: Learning = Field(default=Learning(), description="the learning workers")
+    security: Security = Field(default=Security(), description="who may connect")
+
+    @model_validator(mode="after")
+    def _workstation_names_differ(self) -> "Settings":
+        names = [station.name for station in self.workstations]
+        if len(set(names)) != len(names):
+            raise ValueError(f"workstations need names of their own: {', '.join(names)}")
+        return self
+
+    @property
+    def database_address(self) -> str:
+        """The database: as configured, or the file `skills.db` in the data folder."""
+        return self.database or str(self.data / "skills.db")
+
+    @classmethod
+    def load(cls, config: Path | None = None, **overrides: Any) -> "Settings":
+        """Read a TOML file (if any), then the environment, then ``overrides`` that are not None; later ones win.
+
+        Raises pydantic's ValidationError, OSError or tomllib.TOMLDecodeError.
+        """
+        given = {name: value for name, value in overrides.items() if value is not None}
+        from_file = tomllib.loads(config.read_text(encoding="utf-8")) if config else {}
+        return cls(**_merged(_merged(from_file, EnvSettingsSource(cls)()), given))
+
+
+def _merged(base: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
+    """Return ``base`` with ``over`` laid on top, section by section."""
+    result = dict(base)
+    for name, value in over.items():
+        mine = result.get(name)
+        result[name] = _merged(mine, value) if isinstance(mine, dict) and isinstance(value, dict) else value
+    return result

@@ -1,0 +1,124 @@
+"""Processes that compute: learning and planning never run in the server's own. A dead worker is a named failure."""
+
+import asyncio
+import logging
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import connection
+from typing import Any, TypeVar
+
+_log = logging.getLogger(__name__)
+_progress: Any = None
+Result = TypeVar("Result")
+
+
+class WorkerDied(RuntimeError):
+    """The process that computed has ended without an answer."""
+
+    def __init__(self, what: str) -> None:
+        super().__init__(f"the worker process died while it was {what}; a new one is started, try again")
+
+
+class WorkerTimeout(RuntimeError):
+    """A computation took longer than it may."""
+
+    def __init__(self, what: str, seconds: float) -> None:
+        super().__init__(f"{what} took longer than {seconds:g} s and was ended")
+
+
+def _begin(progress: Any) -> None:
+    """Prepare a worker: one thread for numerics, Ctrl-C is the parent's business, no life after the parent's death."""
+    global _progress
+    _progress = progress
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    from threadpoolctl import threadpool_limits
+
+    threadpool_limits(1)
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        sentinel = parent.sentinel
+        threading.Thread(target=lambda: (connection.wait([sentinel]), os._exit(1)), daemon=True).start()
+
+
+def report_progress(fraction: float, _step: str = "") -> None:
+    """Called inside a worker: say how far the computation has come, 0..1."""
+    if _progress is not None:
+        _progress.value = fraction
+
+
+class Workers:
+    """A fixed number of spawned worker processes, each with one computation at a time."""
+
+    def __init__(self, number: int, name: str) -> None:
+        self._context = multiprocessing.get_context("spawn")
+        self._name = name
+        self._progress = [self._context.Value("d", 0.0) for _ in range(number)]
+        self._pools = [self._new_pool(index) for index in range(number)]
+        self._idle: asyncio.Queue[int] = asyncio.Queue()
+        for index in range(number):
+            self._idle.put_nowait(index)
+
+    def _new_pool(self, index: int) -> ProcessPoolExecutor:
+        return ProcessPoolExecutor(1, mp_context=self._context, initializer=_begin, initargs=(self._progress[index],))
+
+    async def warm_up(self, function: Callable[[], Any]) -> None:
+        """Start every process and let it import what ``function`` needs, so that the first computation does not pay."""
+        await asyncio.gather(*(asyncio.wrap_future(pool.submit(function)) for pool in self._pools))
+
+    async def run(
+        self,
+        what: str,
+        function: Callable[..., Result],
+        *arguments: Any,
+        seconds: float,
+        on_progress: Callable[[float], None] | None = None,
+    ) -> Result:
+        """Return what the function returns, computed in a worker; its exceptions pass through.
+
+        Raises WorkerDied or WorkerTimeout. Cancelling ends the computation too.
+        """
+        index = await self._idle.get()
+        pool, progress = self._pools[index], self._progress[index]
+        progress.value = 0.0
+        try:
+            # Large arguments are pickled by the executor's own thread, not by the event loop.
+            future = asyncio.wrap_future(pool.submit(function, *arguments))
+            async with asyncio.timeout(seconds):
+                while True:
+                    done, _ = await asyncio.wait({future}, timeout=0.2 if on_progress else None)
+                    if done:
+                        return future.result()
+                    if on_progress:
+                        on_progress(progress.value)
+        except BrokenProcessPool:
+            self._replace(index)
+            raise WorkerDied(what) from None
+        except TimeoutError:
+            self._replace(index)
+            raise WorkerTimeout(what, seconds) from None
+        except asyncio.CancelledError:
+            self._replace(index)
+            raise
+        finally:
+            self._idle.put_nowait(index)
+
+    def _replace(self, index: int) -> None:
+        _log.warning("%s worker %d is replaced", self._name, index)
+        self._end(self._pools[index])
+        self._pools[index] = self._new_pool(index)
+
+    @staticmethod
+    def _end(pool: ProcessPoolExecutor) -> None:
+        for process in list((pool._processes or {}).values()):
+            process.kill()
+        pool.shutdown(wait=False, cancel_futures=True)
+
+    def close(self) -> None:
+        """End every process, whatever it does."""
+        for pool in self._pools:
+            self._end(pool)
