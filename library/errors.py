@@ -1,4 +1,3 @@
-# ruff: noqa: N818 - the names say what is wrong, as in models.errors
 """What the library refuses, each with what to do about it. No protocol codes here: the server translates."""
 
 from pathlib import Path

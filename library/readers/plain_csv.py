@@ -1,0 +1,133 @@
+"""Plain CSV: one line a sample, its first line names the columns and their units (``t_s,x_mm,y_mm``).
+
+Columns: ``t`` or ``time`` (s, ms, us, ns), ``x``, ``y`` and perhaps ``z`` (m, cm, mm), ``trigger`` (0 or 1),
+``qx qy qz qw``, and ``demonstration`` where a file holds several. A unit is written ``x_mm``, ``x [mm]`` or ``x (mm)``;
+without one: s and m.
+"""
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+from library.readers.choices import Choices
+from library.readers.sheet import METRES, SECONDS, Sheet, demonstration
+from models.demonstration import Demonstration
+
+ROLES = {
+    **dict.fromkeys(("t", "time", "times", "timestamp"), "t"),
+    **{name: name for name in ("x", "y", "z", "qx", "qy", "qz", "qw")},
+    **dict.fromkeys(("trigger", "triggers", "button", "dispense"), "trigger"),
+    **dict.fromkeys(("demonstration", "demonstration_id", "demo", "trial"), "demonstration"),
+}
+HEADER = "name the columns on the first line, for example t_s,x_mm,y_mm,z_mm,trigger"
+QUATERNION = ("qx", "qy", "qz", "qw")
+ON_OFF = {"0": False, "1": True, "false": False, "true": True, "off": False, "on": True}
+_COLUMN = re.compile(r"([a-z_]+?)(?:_(s|ms|us|ns|m|cm|mm)| ?[\[(](\w+)[\])])?")
+
+
+def is_plain_csv(sheet: Sheet) -> bool:
+    """Return whether the first line names columns of a plain CSV file."""
+    names = {_COLUMN.sub(r"\1", cell.lower()) for cell in sheet.rows[0]} if sheet.rows else set[str]()
+    return {"x", "y"} <= names or bool(names & {"t", "time", "timestamp"})
+
+
+def read(sheet: Sheet, choices: Choices) -> list[Demonstration]:
+    """Return the demonstrations of a plain CSV file, in the order in which they begin."""
+    columns, factors = _header(sheet, choices)
+    lines = [line for line, cells in enumerate(sheet.rows, 1) if line > 1 and any(cells)]
+    groups: dict[str, list[int]] = {}
+    width = len(sheet.rows[0])
+    for line in lines:
+        cells = sheet.rows[line - 1]
+        if len(cells) != width:
+            remedy = "mend the line, or delete it if it was cut off"
+            raise sheet.error(f"the line has {len(cells)} cells, the header {width}", remedy, line)
+        label = cells[columns["demonstration"]] if "demonstration" in columns else ""
+        groups.setdefault(label, []).append(line)
+    if not groups:
+        raise sheet.error("there are no samples below the header", "export it again")
+    stem = sheet.path.stem
+    return [
+        _one(sheet, f"{stem}-{label}" if label else stem, group, columns, factors) for label, group in groups.items()
+    ]
+
+
+def _header(sheet: Sheet, choices: Choices) -> tuple[dict[str, int], dict[str, float]]:
+    columns: dict[str, int] = {}
+    factors: dict[str, float] = {}
+    for index, cell in enumerate(sheet.cells(1)):
+        match = _COLUMN.fullmatch(cell.lower())
+        role = ROLES.get(match.group(1), "") if match else ""
+        if match is None or not role:
+            known = ", ".join(sorted(set(ROLES.values())))
+            raise sheet.error(f"column {index + 1} is called {cell[:40]!r}", f"{HEADER}; known names: {known}", 1)
+        if role in columns:
+            raise sheet.error(f"column {index + 1} is a second {role}", "leave one of them", 1)
+        unit = match.group(2) or match.group(3) or ""
+        columns[role] = index
+        factors[role] = _factor(sheet, role, unit, choices)
+    missing = [role for role in ("t", "x", "y") if role not in columns]
+    if missing:
+        raise sheet.error(f"there is no column {' or '.join(missing)}", HEADER, 1)
+    if len({factors[axis] for axis in ("x", "y", "z") if axis in factors}) > 1:
+        raise sheet.error("x, y and z have different units", "give them one unit", 1)
+    turned = [role for role in QUATERNION if role in columns]
+    if turned and len(turned) != len(QUATERNION):
+        raise sheet.error(f"of the quaternion there is only {', '.join(turned)}", "give qx, qy, qz and qw, or none", 1)
+    return columns, factors
+
+
+def _factor(sheet: Sheet, role: str, unit: str, choices: Choices) -> float:
+    known = SECONDS if role == "t" else METRES if role in {"x", "y", "z"} else {}
+    unit = unit or (choices.unit if role in {"x", "y", "z"} else "")
+    if not unit:
+        return 1.0
+    if unit not in known:
+        allowed = f"use one of {', '.join(known)}" if known else "leave the unit out"
+        raise sheet.error(f"the unit of {role} is {unit!r}", allowed, 1)
+    return known[unit]
+
+
+def _one(
+    sheet: Sheet, name: str, lines: list[int], columns: dict[str, int], factors: dict[str, float]
+) -> Demonstration:
+    axes = [axis for axis in ("x", "y", "z") if axis in columns]
+    times = np.array([sheet.number(line, columns["t"]) for line in lines])
+    points = np.array([[sheet.number(line, columns[axis], gap=True) for axis in axes] for line in lines])
+    half = np.flatnonzero(np.isnan(points).any(axis=1) & ~np.isnan(points).all(axis=1))
+    if len(half):
+        raise sheet.error("only a part of the position is there", "give all of it or none", lines[int(half[0])])
+    for before, after, line in zip(times[:-1], times[1:], lines[1:], strict=True):
+        if not after > before:
+            raise sheet.error(f"time {after:g} does not come after {before:g}", "delete or mend the line", line)
+    triggers = None
+    if "trigger" in columns:
+        triggers = np.array([_on(sheet, line, columns["trigger"]) for line in lines])
+    orientations = None
+    if "qw" in columns:
+        orientations = np.array([[sheet.number(line, columns[part]) for part in QUATERNION] for line in lines])
+        lengths = np.linalg.norm(orientations, axis=1)
+        wrong = np.flatnonzero(np.abs(lengths - 1.0) > 0.01)
+        if len(wrong):
+            raise sheet.error("the quaternion has not length 1", "mend or delete the line", lines[int(wrong[0])])
+        orientations = orientations / lengths[:, None]
+    times, points = times * factors["t"], points * factors["x"]
+    return demonstration(sheet.path, name, times, points, triggers=triggers, orientations=orientations)
+
+
+def _on(sheet: Sheet, line: int, column: int) -> bool:
+    text = sheet.rows[line - 1][column].lower()
+    if text not in ON_OFF:
+        raise sheet.error(f"the trigger is {text[:40]!r}", f"write one of {', '.join(ON_OFF)}", line)
+    return ON_OFF[text]
+
+
+def write(path: Path, demonstration: Demonstration) -> None:
+    """Write a demonstration as plain CSV in s and m: read again, it is the same bit for bit."""
+    axes = ("x_m", "y_m", "z_m")[: demonstration.dimension]
+    lines = [",".join(("t_s", *axes, "trigger"))]
+    for time, point, trigger in zip(demonstration.times, demonstration.points, demonstration.triggers, strict=True):
+        coordinates = ("" if np.isnan(value) else repr(float(value)) for value in point)
+        lines.append(",".join((repr(float(time)), *coordinates, str(int(trigger)))))
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
