@@ -50,7 +50,7 @@ async def view_of(client: SkillClient, skill_name: str, version: int = 0, title:
 
 def learning_figure(views: Sequence[View], file: FilePath) -> None:
     """Draw the paper's Figure 3, a row a version: aligned demonstrations; components and regression; path alone."""
-    figure = Figure(figsize=(12.6, 0.5 + 4.4 * len(views)), layout="constrained")
+    figure = Figure(figsize=(12.6, 0.6 + (0.5 + 3.7 * tallness(views)) * len(views)), layout="constrained")
     grid: Any = figure.subplots(len(views), 3, squeeze=False, sharex=True, sharey=True)
     for row, view in zip(grid, views, strict=True):
         draw_aligned(row[0], view)
@@ -60,6 +60,13 @@ def learning_figure(views: Sequence[View], file: FilePath) -> None:
     for axes in grid[-1]:
         axes.set_xlabel("x, mm")
     save(figure, file)
+
+
+def tallness(views: Sequence[View]) -> float:
+    """Return height over width of what is drawn, within what still reads well."""
+    points = np.vstack([view.path.points[:, :2] for view in views])
+    width, height = np.maximum(np.ptp(points, axis=0), 1e-6)
+    return float(np.clip(1.1 * height / width, 0.6, 1.4))
 
 
 def draw_aligned(axes: Axes, view: View) -> None:
@@ -78,9 +85,9 @@ def draw_aligned(axes: Axes, view: View) -> None:
 def draw_model(axes: Axes, view: View) -> None:
     """Draw the components as ellipses of two standard deviations, and the regression with a tube as wide."""
     points = mm(view.path.points)
-    deviations = SIGMAS * mm(np.sqrt(np.diagonal(view.path.covariances, axis1=1, axis2=2).max(axis=1)))
     normals = normals_along(points[:, :2])
-    sideways = normals * deviations[:, None]
+    across = np.einsum("ni,nij,nj->n", normals, view.path.covariances[:, :2, :2], normals)
+    sideways = normals * SIGMAS * mm(np.sqrt(np.maximum(across, 0.0)))[:, None]
     tube = np.vstack([points[:, :2] + sideways, (points[:, :2] - sideways)[::-1]])
     axes.fill(tube[:, 0], tube[:, 1], color=BLUE, alpha=0.12, linewidth=0)
     for mean, covariance in components(view.skill):
@@ -165,7 +172,7 @@ def mm(metres: Floats) -> Floats:
 def plate(axes: Axes, title: str) -> None:
     """Give a plot of the plate its title and equal axes."""
     axes.set_title(title, fontsize=10)
-    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_aspect("equal", adjustable="box")
     plain_frame(axes)
 
 

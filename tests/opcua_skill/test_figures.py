@@ -38,7 +38,8 @@ def view(dimension: int, clock: str) -> View:
 def test_figure_3_is_drawn(dimension: int, clock: str, tmp_path: FilePath) -> None:
     file = tmp_path / "pictures" / "figure-3.png"
     learning_figure([view(dimension, clock)], file)
-    width, height = Image.open(file).size
+    with Image.open(file) as picture:
+        width, height = picture.size
     assert width > 2 * height
 
 
@@ -53,7 +54,8 @@ def test_commanded_and_measured_are_drawn(tmp_path: FilePath) -> None:
     commanded = np.column_stack([times, times**2, 0 * times])
     learned = [Run(name, JobTrace(times, commanded, commanded + 1e-5)) for name in ("one", "two")]
     runs_figure(learned, tmp_path / "runs.png")
-    assert Image.open(tmp_path / "runs.png").size[0] > 800
+    with Image.open(tmp_path / "runs.png") as picture:
+        assert picture.size[0] > 800
 
 
 @pytest.mark.parametrize(("clock", "first"), [("path", 2), ("time", 1)])
