@@ -1,8 +1,8 @@
-"""Which sample of one demonstration belongs to which of another: dynamic time warping (dtw) in any number of dimensions.
+"""Which sample of one motion belongs to which of another: dynamic time warping (dtw) in any number of dimensions.
 
-``warp`` is exact, on evenly resampled motions, all demonstrations in one sweep along the anti-diagonals of the cost table; it
-may leave the end of the reference open, for people who let go early. ``warp_fast`` is the published FastDTW, from the package
-of that name.
+``warp`` is exact, on evenly resampled motions, all of them in one sweep along the anti-diagonals of the cost table; it may leave
+start and end of the reference open, for people who started late or let go early. ``warp_fast`` is the published FastDTW,
+from the package of that name.
 """
 
 import warnings
@@ -10,10 +10,14 @@ from dataclasses import dataclass
 
 import fastdtw
 import numpy as np
+from numpy.typing import NDArray
 
-from models.demonstration import Floats
+from models.demonstration import Bools, Floats
 
+Steps = NDArray[np.int8]
+Indices = NDArray[np.int64]
 BATCH = 64
+PAIRS = 512
 DIAGONAL, ALONG_REFERENCE, ALONG_OTHER = 0, 1, 2
 
 
@@ -21,109 +25,126 @@ DIAGONAL, ALONG_REFERENCE, ALONG_OTHER = 0, 1, 2
 class Warps:
     """Where each of b motions is while the reference is at sample i.
 
-    ``positions`` (b, n): mean index of the samples matched to i; NaN beyond the last sample of the reference reached.
-    ``reached`` (b,): that last sample. ``costs`` (b,): mean distance along the warping path.
+    ``positions`` (b, n): mean index of the samples matched to i; NaN where the motion has not begun or has ended.
+    ``first`` and ``last`` (b,): the samples of the reference between which it was there. ``costs`` (b,): mean
+    distance along the warping path.
     """
 
     positions: Floats
-    reached: np.ndarray
+    first: Indices
+    last: Indices
     costs: Floats
 
 
-def warp(reference: Floats, others: Floats, open_end: np.ndarray | None = None) -> Warps:
+def warp(reference: Floats, others: Floats, open_start: Bools | None = None, open_end: Bools | None = None) -> Warps:
     """Return the exact warps of motions (b, m, d) to a reference (n, d) under Euclidean distance.
 
-    ``open_end`` (b,) tells which motions may stop before the reference does.
+    ``open_start`` and ``open_end`` (b,) tell which motions may begin after the reference does or stop before it.
     """
     count = len(others)
+    starts = np.zeros(count, dtype=bool) if open_start is None else open_start
     ends = np.zeros(count, dtype=bool) if open_end is None else open_end
-    parts = [_warp_batch(reference, others[i : i + BATCH], ends[i : i + BATCH]) for i in range(0, count, BATCH)]
+    found: list[Warps] = []
+    for low in range(0, count, BATCH):
+        part = slice(low, low + BATCH)
+        references = np.broadcast_to(reference, (len(others[part]), *reference.shape))
+        steps, totals = _sweep(references, others[part], starts[part])
+        last = np.where(ends[part], totals.argmin(axis=1), len(reference) - 1)
+        found.append(_backtrack(steps, totals[np.arange(len(last)), last], last, others.shape[1]))
     return Warps(
-        np.concatenate([part.positions for part in parts]),
-        np.concatenate([part.reached for part in parts]),
-        np.concatenate([part.costs for part in parts]),
+        np.concatenate([part.positions for part in found]),
+        np.concatenate([part.first for part in found]),
+        np.concatenate([part.last for part in found]),
+        np.concatenate([part.costs for part in found]),
     )
 
 
-def _warp_batch(reference: Floats, others: Floats, open_end: np.ndarray) -> Warps:
-    steps, totals = _sweep(reference, others)
-    batch, m = others.shape[:2]
-    n = len(reference)
-    last = np.where(open_end, totals.argmin(axis=1), n - 1)
-    return _backtrack(steps, totals[np.arange(batch), last], last, n, m)
+def costs(references: Floats, others: Floats) -> Floats:
+    """Return the whole cost (p,) of warping each of p motions (p, m, d) to its own reference (p, n, d)."""
+    nobody = np.zeros(len(others), dtype=bool)
+    parts = [
+        _sweep(references[low : low + PAIRS], others[low : low + PAIRS], nobody[low : low + PAIRS])[1][:, -1]
+        for low in range(0, len(others), PAIRS)
+    ]
+    return np.concatenate(parts)
 
 
-def _sweep(reference: Floats, others: Floats) -> tuple[np.ndarray, Floats]:
-    """Return the step taken into each cell (b, n, m) and the cost (b, n) of ending the other at each reference sample."""
+def medoid(motions: Floats) -> int:
+    """Return which of the motions (b, n, d) is nearest to all others by dtw: the reference. Ties go to the first."""
+    one, other = np.triu_indices(len(motions), 1)
+    table = np.zeros((len(motions), len(motions)))
+    table[one, other] = costs(motions[one], motions[other])
+    table += table.T
+    return int(np.sqrt(table).sum(axis=1).argmin())
+
+
+def warp_fast(reference: Floats, other: Floats, radius: int) -> Floats:
+    """Return the positions (n,) in another motion (m, d) while the reference (n, d) is at sample i, by FastDTW."""
+    _warn_once_if_slow()
+    _, path = fastdtw.fastdtw(reference, other, radius=radius, dist=2)
+    pairs = np.array(path, dtype=np.int64)
+    hits = np.bincount(pairs[:, 0], minlength=len(reference))
+    return np.bincount(pairs[:, 0], weights=pairs[:, 1], minlength=len(reference)) / hits
+
+
+def fastdtw_is_compiled() -> bool:
+    """Return whether the fastdtw package runs its compiled form here."""
+    return str(fastdtw.fastdtw.__module__) != "fastdtw.fastdtw"
+
+
+def _sweep(references: Floats, others: Floats, open_start: Bools) -> tuple[Steps, Floats]:
+    """Return the step into each cell, by anti-diagonal and row (n + m - 1, b, n), and the cost (b, n) of ending at each row.
+
+    Buffers of a diagonal are shifted by one: place i + 1 holds row i, place 0 is outside the table.
+    """
     batch, m, width = others.shape
-    n = len(reference)
-    steps = np.empty((n + m - 1, batch, n), dtype=np.int8)
+    n = references.shape[1]
+    steps = np.zeros((n + m - 1, batch, n), dtype=np.int8)
     totals = np.empty((batch, n))
-    flipped = others[:, ::-1]
-    infinite = np.full((batch, n + 1), np.inf)
-    before, latest = infinite.copy(), infinite.copy()
-    choices = np.empty((3, batch, n))
+    axes = [np.ascontiguousarray(references[:, :, axis]) for axis in range(width)]
+    flipped = [np.ascontiguousarray(others[:, ::-1, axis]) for axis in range(width)]
+    before, latest, now = (np.full((batch, n + 1), np.inf) for _ in range(3))
+    free = np.where(open_start, 0.0, np.inf)
     for diagonal in range(n + m - 1):
         low, high = max(0, diagonal - m + 1), min(n, diagonal + 1)
-        away = np.zeros((batch, high - low))
         start = m - 1 - diagonal + low
-        for axis in range(width):
-            difference = reference[low:high, axis] - flipped[:, start : start + high - low, axis]
+        away = np.zeros((batch, high - low))
+        for one, other in zip(axes, flipped, strict=True):
+            difference = one[:, low:high] - other[:, start : start + high - low]
             away += difference * difference
-        away = np.sqrt(away)
-        now = infinite.copy()
-        cell = choices[:, :, : high - low]
-        cell[DIAGONAL] = before[:, low:high]
-        cell[ALONG_REFERENCE] = latest[:, low:high]
-        cell[ALONG_OTHER] = latest[:, low + 1 : high + 1]
-        if diagonal == 0:
-            cell[DIAGONAL] = 0.0
-        chosen = cell.argmin(axis=0)
-        steps[diagonal, :, low:high] = chosen
-        now[:, low + 1 : high + 1] = away + cell.min(axis=0)
+        np.sqrt(away, out=away)
+        straight = before[:, low:high]
+        if diagonal < n:
+            straight[:, -1] = 0.0 if diagonal == 0 else free
+        up, along = latest[:, low:high], latest[:, low + 1 : high + 1]
+        nearest = np.minimum(up, along)
+        steps[diagonal, :, low:high] = np.where(straight <= nearest, DIAGONAL, np.where(up <= along, 1, 2))
+        now.fill(np.inf)
+        np.add(away, np.minimum(straight, nearest), out=now[:, low + 1 : high + 1])
         if diagonal >= m - 1:
             totals[:, diagonal - m + 1] = now[:, diagonal - m + 2]
-        before, latest = latest, now
+        before, latest, now = latest, now, before
     return steps, totals
 
 
-def _backtrack(steps: np.ndarray, totals: Floats, last: np.ndarray, n: int, m: int) -> Warps:
-    batch = len(last)
+def _backtrack(steps: Steps, totals: Floats, last: Indices, m: int) -> Warps:
+    batch, n = steps.shape[1:]
     sums, hits = np.zeros((batch, n)), np.zeros((batch, n))
     row, column = last.copy(), np.full(batch, m - 1)
     everyone = np.arange(batch)
     lengths = np.zeros(batch)
     active = np.ones(batch, dtype=bool)
     while active.any():
-        sums[everyone[active], row[active]] += column[active]
-        hits[everyone[active], row[active]] += 1
+        there = everyone[active]
+        sums[there, row[active]] += column[active]
+        hits[there, row[active]] += 1
         lengths += active
-        done = (row == 0) & (column == 0)
-        active &= ~done
         step = steps[row + column, everyone, row]
+        active &= ~((column == 0) & (step == DIAGONAL))
         row = row - (active & (step != ALONG_OTHER))
         column = column - (active & (step != ALONG_REFERENCE))
-    with np.errstate(invalid="ignore"):
-        positions = np.where(hits > 0, sums / np.maximum(hits, 1), np.nan)
-    return Warps(positions, last, totals / lengths)
-
-
-def medoid(motions: Floats) -> int:
-    """Return which of the motions (b, n, d) is nearest to all others by dtw: the reference. Ties go to the first."""
-    costs = np.array([warp(motion, motions).costs for motion in motions])
-    return int((costs + costs.T).sum(axis=1).argmin())
-
-
-def warp_fast(reference: Floats, other: Floats, radius: int) -> np.ndarray:
-    """Return FastDTW's warping path (l, 2) of index pairs between a reference (n, d) and another motion (m, d)."""
-    _warn_once_if_slow()
-    _, path = fastdtw.fastdtw(reference, other, radius=radius, dist=2)
-    return np.array(path, dtype=np.int64)
-
-
-def fastdtw_is_compiled() -> bool:
-    """Return whether the fastdtw package runs its compiled form here."""
-    return fastdtw.fastdtw.__module__ != "fastdtw.fastdtw"
+    positions = np.where(hits > 0, sums / np.maximum(hits, 1), np.nan)
+    return Warps(positions, row, last, totals / lengths)
 
 
 _warned: set[str] = set()

@@ -9,6 +9,9 @@ from models.demonstration import Bools, Demonstration, Floats
 from models.errors import UnusableDemonstration
 
 DESPIKE_WINDOW = 0.15
+BRISK = 0.9
+FILTER_REACH = 0.02
+DESPIKE_PASSES = 4
 DESPIKE_FLOOR = 0.5e-3
 DEVIATION_FROM_MAD = 1.4826
 LONGEST_BRIDGE = 0.3
@@ -79,9 +82,10 @@ def clean(demonstration: Demonstration, struck: frozenset[int], filter_window: f
     step = max(float(np.median(np.diff(times[kept]))), FINEST_STEP if despiking else 0.0)
     count = max(4, round((times[last] - times[first]) / step) + 1)
     grid = np.linspace(times[first], times[last], count)
-    smooth = moving_average(
-        _resampled(times[kept], points[kept], grid), round(filter_window * (count - 1) / (grid[-1] - grid[0]))
-    )
+    even = _resampled(times[kept], points[kept], grid)
+    if despiking:
+        filter_window = min(filter_window, _crossing_time(grid, even))
+    smooth = moving_average(even, round(filter_window * (count - 1) / (grid[-1] - grid[0])))
     nearest = np.clip(np.searchsorted(times, grid), 1, len(times) - 1)
     nearest -= (grid - times[nearest - 1]) < (times[nearest] - grid)
     orientations = None
@@ -112,12 +116,27 @@ def reflections(times: Floats, points: Floats) -> Bools:
     A sample is one if it is further from the running median (0.15 s) than three deviations (from the running median of
     those distances) and than 0.5 mm.
     """
+    found = np.zeros(len(points), dtype=bool)
+    for _ in range(DESPIKE_PASSES):
+        kept = np.flatnonzero(~found)
+        if len(kept) < 8:
+            break
+        off = _off_the_median(times[kept], points[kept])
+        if not off.any():
+            break
+        found[kept[off]] = True
+    return found
+
+
+def _off_the_median(times: Floats, points: Floats) -> Bools:
     half = max(2, round(0.5 * DESPIKE_WINDOW / float(np.median(np.diff(times)))))
     window = 2 * min(half, (len(points) - 1) // 2) + 1
     middle = np.column_stack([median_filter(axis, size=window, mode="nearest") for axis in points.T])
     away = np.sqrt(((points - middle) ** 2).sum(axis=1))
     usual = DEVIATION_FROM_MAD * median_filter(away, size=window, mode="nearest")
-    return away > np.maximum(3.0 * usual, DESPIKE_FLOOR)
+    speeds = np.sqrt((np.diff(points, axis=0) ** 2).sum(axis=1)) / np.diff(times)
+    reach = 0.5 * DESPIKE_WINDOW * float(np.quantile(speeds, BRISK))
+    return away > np.maximum(3.0 * usual, max(DESPIKE_FLOOR, reach))
 
 
 def moving_average(points: Floats, window: int) -> Floats:
@@ -138,6 +157,14 @@ def continuous(quaternions: Floats) -> Floats:
     turns = (unit[1:] * unit[:-1]).sum(axis=1) < 0
     signs = np.concatenate([[1.0], np.where(np.cumsum(turns) % 2 == 1, -1.0, 1.0)])
     return unit * signs[:, None]
+
+
+def _crossing_time(times: Floats, points: Floats) -> float:
+    """Return the time in s in which the hand usually crosses 2 % of the drawing: a longer filter would cut its corners."""
+    reach = np.ptp(points, axis=0)
+    lengths = np.sqrt((np.diff(points, axis=0) ** 2).sum(axis=1))
+    usual = float(np.median(lengths[lengths > 0])) / float(times[1] - times[0])
+    return FILTER_REACH * float(np.sqrt((reach * reach).sum())) / usual
 
 
 def _resampled(times: Floats, values: Floats, grid: Floats) -> Floats:

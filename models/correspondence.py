@@ -17,36 +17,33 @@ class Correspondence:
     """u motions at the same n instants of the task; NaN where a motion has nothing to say.
 
     ``points`` (u, n, d) in m; ``times`` (u, n): each motion's own time in s; ``triggers`` (u, n), 0..1;
-    ``orientations`` (u, n, 4) or None; ``clock`` (n,) in s: when the reference was there.
+    ``orientations`` (u, n, 4) or None.
     """
 
     points: Floats
     times: Floats
     triggers: Floats
     orientations: Floats | None
-    clock: Floats
 
 
-def to_longest(motions: list[CleanMotion], method: str, radius: int) -> Correspondence:
-    """Return motions warped to the one with most samples, sample for sample of it: as the paper does."""
+def to_longest(motions: list[CleanMotion], method: str, radius: int) -> tuple[Correspondence, Floats]:
+    """Return motions warped to the one with most samples, sample for sample of it, and its times (n,): as the paper does."""
     reference = motions[int(np.argmax([len(motion.times) for motion in motions]))]
     stride = -(-len(reference.times) // MOST_SAMPLES) if method == "dtw" else 1
     places = np.arange(0, len(reference.times), stride)
     positions = []
     for motion in motions:
         if method == "fastdtw":
-            path = warp_fast(reference.points, motion.points, radius)
-            hits = np.bincount(path[:, 0], minlength=len(reference.times))
-            positions.append(np.bincount(path[:, 0], weights=path[:, 1], minlength=len(reference.times)) / hits)
+            positions.append(warp_fast(reference.points, motion.points, radius))
         else:
             grid = np.linspace(0, len(motion.times) - 1, min(len(motion.times), MOST_SAMPLES))
             other = at(grid, np.arange(len(motion.times)), motion.points)
             found = warp(reference.points[places], other[None]).positions[0]
             positions.append(np.interp(found, np.arange(len(grid)), grid))
-    return taken_at(motions, np.stack(positions), reference.times[places])
+    return taken_at(motions, np.stack(positions)), reference.times[places]
 
 
-def taken_at(motions: list[CleanMotion], positions: Floats, clock: Floats) -> Correspondence:
+def taken_at(motions: list[CleanMotion], positions: Floats) -> Correspondence:
     """Return the motions at fractional sample positions (u, n); NaN positions give NaN."""
     points, times, triggers, orientations = [], [], [], []
     for motion, where in zip(motions, positions, strict=True):
@@ -59,4 +56,4 @@ def taken_at(motions: list[CleanMotion], positions: Floats, clock: Floats) -> Co
         if motion.orientations is not None:
             orientations.append(at(where, index, motion.orientations) + blank[:, None])
     carried = np.stack(orientations) if len(orientations) == len(motions) else None
-    return Correspondence(np.stack(points), np.stack(times), np.stack(triggers), carried, clock)
+    return Correspondence(np.stack(points), np.stack(times), np.stack(triggers), carried)

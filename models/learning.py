@@ -14,7 +14,8 @@ from models.mixture import Mixture, fit_free, fit_tied, in_bins
 from models.motion import Motion
 from models.options import LearningOptions
 from models.phase import arc_lengths, corners
-from models.recommended import diagonal, to_medoid
+from models.group import diagonal
+from models.recommended import to_common_shape
 from models.report import (
     AlignedDemonstration,
     DemonstrationError,
@@ -82,16 +83,18 @@ def learn(
     cleaned = [motions[index] for index in order]
     tell(0.4, "aligning")
     if despiking:
-        aligned, reached = to_medoid(cleaned, options.alignment or "dtw", options.radius or 1)
+        aligned, group = to_common_shape(cleaned, options.alignment or "dtw", options.radius or 1)
+        reached = np.where(group.early, group.last, 1.0)
+        reference_times = np.empty(0)
     else:
-        aligned = to_longest(cleaned, options.alignment or "fastdtw", options.radius or 1)
+        aligned, reference_times = to_longest(cleaned, options.alignment or "fastdtw", options.radius or 1)
         reached = np.ones(len(cleaned))
     for index, fraction in zip(order, reached, strict=True):
         verdicts[index] = _used(demonstrations[index].demonstration_id, float(fraction))
     tell(0.7, "fitting")
     clock = options.clock or ("path" if despiking else "time")
-    phases = _path_phases(aligned) if clock == "path" else _time_phases(aligned, despiking)
-    duration = _duration(aligned, despiking)
+    phases = _path_phases(aligned) if clock == "path" else _time_phases(aligned, reference_times)
+    duration = _duration(aligned, reference_times)
     on_grid = _on_clock(aligned, phases) if despiking else aligned
     grid = np.linspace(0.0, 1.0, CLOCK_POINTS) if despiking else phases
     samples = _samples(on_grid, grid, duration, clock)
@@ -173,17 +176,17 @@ def _path_phases(aligned: Correspondence) -> Floats:
     return lengths / lengths[-1]
 
 
-def _time_phases(aligned: Correspondence, averaged: bool) -> Floats:
-    if not averaged:
-        return (aligned.clock - aligned.clock[0]) / (aligned.clock[-1] - aligned.clock[0])
+def _time_phases(aligned: Correspondence, reference_times: Floats) -> Floats:
+    if len(reference_times):
+        return (reference_times - reference_times[0]) / (reference_times[-1] - reference_times[0])
     steps = np.nanmean(np.diff(aligned.times / np.nanmax(aligned.times, axis=1, keepdims=True), axis=1), axis=0)
     clock = np.concatenate([[0.0], np.cumsum(np.maximum(steps, 1e-9))])
     return clock / clock[-1]
 
 
-def _duration(aligned: Correspondence, averaged: bool) -> float:
-    if not averaged:
-        return float(aligned.clock[-1] - aligned.clock[0])
+def _duration(aligned: Correspondence, reference_times: Floats) -> float:
+    if len(reference_times):
+        return float(reference_times[-1] - reference_times[0])
     whole = np.isfinite(aligned.times[:, [0, -1]]).all(axis=1)
     rows = aligned.times[whole] if whole.any() else aligned.times
     return float(np.median(np.nanmax(rows, axis=1) - np.nanmin(rows, axis=1)))
@@ -202,13 +205,7 @@ def _on_clock(aligned: Correspondence, phases: Floats) -> Correspondence:
         return np.where(portion == 0, values[:, low], np.where(portion == 1, values[:, low + 1], between))
 
     turned = None if aligned.orientations is None else moved(aligned.orientations)
-    return Correspondence(
-        moved(aligned.points),
-        moved(aligned.times),
-        moved(aligned.triggers),
-        turned,
-        np.interp(where, np.arange(len(phases)), aligned.clock),
-    )
+    return Correspondence(moved(aligned.points), moved(aligned.times), moved(aligned.triggers), turned)
 
 
 def _samples(aligned: Correspondence, grid: Floats, duration: float, clock: str) -> Floats:

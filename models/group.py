@@ -1,0 +1,161 @@
+"""The shape that a group of people drew: each laid upon the others, whoever started late, let go early or does not fit found.
+
+What belongs together is found on where the pen is, once place and size of each person's drawing are taken out, and on which way
+it moves: so a corner meets a corner although people put it at different places. The mean is taken of the drawings as they lie.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+
+from models.alignment import medoid, warp, warp_fast
+from models.demonstration import Bools, Floats
+from models.phase import arc_lengths, at
+
+POINTS = 256
+MEDOID_POINTS = 64
+MEDOID_CANDIDATES = 24
+ROUNDS = 2
+DIRECTION_WEIGHT = 0.3
+DIRECTION_WIDTH = 0.02
+OPEN_DISTANCE = 0.05
+OPEN_PHASE = 0.02
+OPEN_SPREAD = 3.0
+FADING = 0.05
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Group:
+    """u drawings laid upon each other at n instants of the common shape.
+
+    ``positions`` (u, n): fractional sample of each drawing's 256, NaN where it has nothing to say;
+    ``first`` and ``last`` (u,): between which instants it was there; ``late`` and ``early`` (u,): whether that is a fault.
+    ``weights`` (u, n): 0..1, fading where a drawing begins late or ends early, so that the mean does not jump there.
+    """
+
+    positions: Floats
+    first: Floats
+    last: Floats
+    late: Bools
+    early: Bools
+    weights: Floats
+
+
+def diagonal(points: Floats) -> float:
+    """Return the diagonal in m of the box around points (..., d)."""
+    reach = np.ptp(points.reshape(-1, points.shape[-1]), axis=0)
+    return float(np.sqrt((reach * reach).sum()))
+
+
+def directions(curve: Floats) -> Floats:
+    """Return the unit direction (n, d) in which a curve (n, d) moves, over 2 % of its length."""
+    smooth = gaussian_filter1d(curve, DIRECTION_WIDTH * len(curve), axis=0, mode="nearest")
+    moves = np.gradient(smooth, axis=0)
+    return moves / np.maximum(np.sqrt((moves * moves).sum(axis=1, keepdims=True)), 1e-9 * diagonal(curve) + 1e-300)
+
+
+def reference_of(curves: Floats) -> int:
+    """Return which of the curves (u, n, d) is nearest to the others: the medoid, of 24 evenly chosen ones if there are more."""
+    count, points = curves.shape[:2]
+    chosen = np.unique(np.linspace(0, count - 1, min(count, MEDOID_CANDIDATES)).round().astype(np.int64))
+    coarse = np.linspace(0, points - 1, MEDOID_POINTS).round().astype(np.int64)
+    return int(chosen[medoid(curves[chosen][:, coarse])])
+
+
+def fitted_to(curves: Floats, positions: Floats, shape: Floats, weights: Floats) -> Floats:
+    """Return the curves (u, n, d) moved and scaled so that what ``positions`` matches lies nearest to ``shape`` (n, d)."""
+    fitted = np.empty_like(curves)
+    index = np.arange(curves.shape[1], dtype=np.float64)
+    for u, curve in enumerate(curves):
+        known = np.isfinite(positions[u])
+        share = weights[u, known, None] + 1e-9
+        own, common = at(positions[u, known], index, curve), shape[known]
+        middle = (share * own).sum(axis=0) / share.sum()
+        target = (share * common).sum(axis=0) / share.sum()
+        size = (share * (own - middle) ** 2).sum()
+        scale = np.sqrt((share * (common - target) ** 2).sum() / size) if size > 0 else 1.0
+        fitted[u] = (curve - middle) * scale + target
+    return fitted
+
+
+def lay_upon_each_other(curves: Floats, method: str, radius: int) -> Group:
+    """Return how the curves (u, n, d), evenly sampled along their way, belong together."""
+    count, points = curves.shape[:2]
+    reference = reference_of(curves)
+    shape = curves[reference]
+    everyone = np.ones(count, dtype=bool)
+    loose = warp(shape, curves, everyone, everyone)
+    late, early = _open_sides(curves, shape, loose.first, loose.last)
+    found = warp(shape, curves, late, early)
+    positions = found.positions
+    weights = _fading(found.first, found.last, late, early, points)
+    for turn in range(ROUNDS):
+        size = diagonal(shape)
+        fitted = fitted_to(curves, positions, shape, weights)
+        features = np.concatenate(
+            [fitted / size, DIRECTION_WEIGHT * np.stack([directions(curve) for curve in fitted])], axis=2
+        )
+        target = np.concatenate([shape / size, DIRECTION_WEIGHT * directions(shape)], axis=1)
+        last_turn = turn == ROUNDS - 1
+        if method == "fastdtw" and last_turn:
+            positions = np.stack([warp_fast(target, feature, radius) for feature in features])
+            break
+        found = warp(target, features, late, early)
+        positions = found.positions
+        weights = _fading(found.first, found.last, late, early, points)
+        if not last_turn:
+            shape, positions, weights = _evened(mean_shape(taken(curves, positions), weights), positions, weights)
+    return Group(positions, found.first / (points - 1.0), found.last / (points - 1.0), late, early, weights)
+
+
+def taken(curves: Floats, positions: Floats) -> Floats:
+    """Return the points (u, n, d) of curves at fractional positions (u, n); NaN stays NaN."""
+    index = np.arange(curves.shape[1], dtype=np.float64)
+    return np.stack(
+        [at(where, index, curve) + 0.0 * where[:, None] for where, curve in zip(positions, curves, strict=True)]
+    )
+
+
+def mean_shape(points: Floats, weights: Floats) -> Floats:
+    """Return the weighted mean (n, m) of values (u, n, m), NaN left out."""
+    known = np.isfinite(points)
+    share = np.where(known, weights[:, :, None], 0.0)
+    return (share * np.where(known, points, 0.0)).sum(axis=0) / np.maximum(share.sum(axis=0), 1e-12)
+
+
+def _open_sides(curves: Floats, shape: Floats, first: Floats, last: Floats) -> tuple[Bools, Bools]:
+    """Return who (u,) started late and who let go early.
+
+    Someone did if the drawing's end is far from the shape's: than 5 % of the diagonal and than three times the others' usual
+    distance; and if the open warp leaves at least 2 % of the shape unmatched there.
+    """
+    size, most = diagonal(shape), len(shape) - 1
+    sides: list[Bools] = []
+    for side, unmatched in ((0, first), (-1, most - last)):
+        away = np.sqrt(((curves[:, side] - shape[side]) ** 2).sum(axis=1))
+        limit = max(OPEN_DISTANCE * size, OPEN_SPREAD * float(np.median(away)))
+        sides.append((away > limit) & (unmatched > OPEN_PHASE * most))
+    return sides[0], sides[1]
+
+
+def _fading(first: Floats, last: Floats, late: Bools, early: Bools, points: int) -> Floats:
+    """Return weights (u, n): one, but rising over 5 % of the shape after a late start and falling before an early end."""
+    instants = np.arange(points)[None, :]
+    width = FADING * points
+    rising = np.where(late[:, None], np.clip((instants - first[:, None] + 1) / width, 0.0, 1.0), 1.0)
+    falling = np.where(early[:, None], np.clip((last[:, None] - instants + 1) / width, 0.0, 1.0), 1.0)
+    return rising * falling
+
+
+def _evened(shape: Floats, positions: Floats, weights: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return the shape at even steps of its length, and positions and weights at the same instants."""
+    lengths = arc_lengths(shape)
+    index = np.arange(len(shape), dtype=np.float64)
+    where = np.interp(np.linspace(0.0, lengths[-1], len(shape)), lengths, index)
+    moved = np.full_like(positions, np.nan)
+    for u, own in enumerate(positions):
+        known = np.flatnonzero(np.isfinite(own))
+        inside = (where >= known[0]) & (where <= known[-1])
+        moved[u, inside] = np.interp(where[inside], index[known], own[known])
+    return at(where, index, shape), moved, np.stack([np.interp(where, index, row) for row in weights])
