@@ -1,0 +1,187 @@
+"""What is looked at before anything moves. A finding names the place on the path, by how much, and what to do."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from sim.arm import ArmModel, Floats
+from sim.kinematics import InverseResult, kinematics
+
+if TYPE_CHECKING:
+    from sim.plan import MotionOrder
+
+Code = Literal[
+    "WorkspaceLimit", "JointLimit", "SpeedLimit", "NoIkSolution", "Singularity", "Collision", "ParameterInvalid"
+]
+SHORTEST_STEP, LONGEST_STEP = 1e-3, 20e-3
+TIMINGS = ("demonstrated", "constant_speed", "time_optimal")
+# Smallest singular value of the Jacobian (m and rad): below it a slow nozzle needs joints some thirty times faster.
+SINGULAR = 0.03
+HIGHEST_LIFT = 0.5
+UNIT = 1e-3
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One thing that is wrong or worth telling: ``time`` in s since the path's start, ``phase`` 0..1 along it.
+
+    ``size`` says by how much, in ``unit``. Both places are NaN where the finding is not about a place. A fatal
+    finding refuses the plan, any other goes with it in its report.
+    """
+
+    code: Code
+    time: float
+    phase: float
+    size: float
+    unit: str
+    text: str
+    fatal: bool = True
+
+
+class MotionRefused(Exception):
+    """A motion that will not be planned: nothing has moved. ``failure`` is the word for the job report."""
+
+    def __init__(self, findings: Sequence[Finding]) -> None:
+        super().__init__(tuple(findings))
+        self.findings = tuple(findings)
+
+    @property
+    def failure(self) -> Code:
+        """Return the code of the first finding."""
+        return self.findings[0].code
+
+    def __str__(self) -> str:
+        """Return what is wrong in one sentence."""
+        more = len(self.findings) - 1
+        return self.findings[0].text + (f" (and {more} more)" if more else "")
+
+
+def invalid(name: str, value: object, allowed: str, size: float = math.nan, unit: str = "") -> Finding:
+    """Return the finding that a field of the order is out of range."""
+    return Finding("ParameterInvalid", math.nan, math.nan, size, unit, f"{name} is {value}: it has to be {allowed}")
+
+
+def check_order(order: "MotionOrder") -> list[Finding]:
+    """Return every field of an order that is not a number or out of its range, in the order of the fields."""
+    found: list[Finding] = []
+
+    def need(name: str, value: float, low: float, high: float, allowed: str) -> None:
+        if not (math.isfinite(value) and low <= value <= high):
+            found.append(invalid(name, value, allowed, value))
+
+    if not (math.isfinite(order.time_step) and SHORTEST_STEP * (1 - 1e-9) <= order.time_step <= LONGEST_STEP):
+        found.append(invalid("time step", f"{order.time_step} s", "from 0.001 s to 0.020 s", order.time_step, "s"))
+    if order.timing not in TIMINGS:
+        found.append(invalid("timing", repr(order.timing), f"one of {', '.join(TIMINGS)}"))
+    need("duration", order.duration, 0.0, 3600.0, "from 0 s (as learned) to 3600 s")
+    need("speed", order.speed, 0.0, 1.0, "from 0 to 1 m/s")
+    if order.timing == "constant_speed" and order.speed == 0.0:
+        found.append(invalid("speed", "0 m/s", "more than 0 m/s for a constant speed", 0.0, "m/s"))
+    for name, value in (("speed override", order.speed_override), ("speed fraction", order.speed_fraction)):
+        if not (math.isfinite(value) and 0.0 < value <= 1.0):
+            found.append(invalid(name, value, "more than 0 and at most 1", value))
+    need("standoff", order.standoff, 0.0, HIGHEST_LIFT, f"from 0 m to {HIGHEST_LIFT} m")
+    need("approach height", order.approach_height, 0.0, HIGHEST_LIFT, f"from 0 m to {HIGHEST_LIFT} m")
+    need("retract height", order.retract_height, 0.0, HIGHEST_LIFT, f"from 0 m to {HIGHEST_LIFT} m")
+    need("dispense lead", order.dispense_lead, -1.0, 1.0, "from -1 s to 1 s")
+    need("largest deviation", order.max_deviation, 0.0, 1.0, "from 0 (not watched) to 1 m")
+    need("chord tolerance", order.chord_tolerance, 1e-6, 1.0, "from 0.001 mm to 1 m")
+    need("blend radius", order.blend_radius, 0.0, 0.1, "from 0 m to 0.1 m")
+    need("tube", order.tube_sigmas, 0.0, 100.0, "from 0 (not watched) to 100 standard deviations")
+    if len(order.frame) != 7 or not all(math.isfinite(value) for value in order.frame):
+        found.append(invalid("frame", list(order.frame), "seven finite numbers: x y z in m, then a quaternion x y z w"))
+    else:
+        norm = math.sqrt(sum(value**2 for value in order.frame[3:]))
+        if abs(norm - 1.0) > UNIT:
+            found.append(invalid("frame's quaternion", f"of length {norm:.6g}", "of length 1", norm))
+    return found
+
+
+def check_reach(model: ArmModel, points: Floats, solved: InverseResult, times: Floats, phases: Floats) -> list[Finding]:
+    """Return whether every point (n, 3) is inside the workspace box, reached, and reached within the joints' limits."""
+    found: list[Finding] = []
+    low, high = np.array(model.workspace_low), np.array(model.workspace_high)
+    outside = np.maximum(np.maximum(low - points, points - high), 0.0).max(axis=1)
+    if outside.max(initial=0.0) > 1e-9:
+        i = int(np.argmax(outside > 1e-9))
+        worst = float(outside.max()) * 1e3
+        x, y, z = points[i] * 1e3
+        text = (
+            f"the nozzle leaves the workspace of {model.name} {_place(times[i], phases[i])}, at x {x:.1f} y {y:.1f} "
+            f"z {z:.1f} mm, by up to {worst:.1f} mm: move the part's frame"
+        )
+        found.append(Finding("WorkspaceLimit", float(times[i]), float(phases[i]), worst, "mm", text))
+    lost = ~solved.reached
+    if lost.any():
+        i = int(np.argmax(lost))
+        miss = float(solved.position_error.max()) * 1e3
+        turn = math.degrees(float(solved.angle_error.max()))
+        text = (
+            f"{model.name} cannot reach {int(lost.sum())} of {len(lost)} points of the path, the first "
+            f"{_place(times[i], phases[i])} (point {i}), and misses by up to {miss:.1f} mm and {turn:.1f} degrees: "
+            "move the part's frame nearer"
+        )
+        found.append(Finding("NoIkSolution", float(times[i]), float(phases[i]), miss, "mm", text))
+        return found
+    found += check_joints(model, solved.joints, times, phases)
+    return found
+
+
+def check_joints(model: ArmModel, joints: Floats, times: Floats, phases: Floats) -> list[Finding]:
+    """Return the joint that leaves its range first, if any, over joints (n, dof)."""
+    over = np.maximum(np.array(model.limits.lower) - joints, joints - np.array(model.limits.upper))
+    if over.max(initial=-1.0) <= 0.0:
+        return []
+    i = int(np.argmax((over > 0.0).any(axis=1)))
+    joint = int(np.argmax(over[i]))
+    worst = math.degrees(float(over[:, joint].max()))
+    text = (
+        f"joint {joint + 1} of {model.name} leaves its range {_place(times[i], phases[i])} by up to {worst:.2f} "
+        "degrees: move or turn the part's frame"
+    )
+    return [Finding("JointLimit", float(times[i]), float(phases[i]), worst, "degrees", text)]
+
+
+def check_singularity(model: ArmModel, joints: Floats, times: Floats, phases: Floats) -> tuple[list[Finding], float]:
+    """Return whether joints (n, dof) come near a singular position, and the smallest singular value."""
+    smallest = np.linalg.svd(kinematics(model).jacobian(joints), compute_uv=False)[:, -1]
+    i = int(np.argmin(smallest))
+    least = float(smallest[i])
+    if least >= SINGULAR:
+        return [], least
+    text = (
+        f"{model.name} is stretched out or folded {_place(times[i], phases[i])}: its smallest singular value is "
+        f"{least:.4f}, at least {SINGULAR} is needed: move the part's frame"
+    )
+    return [Finding("Singularity", float(times[i]), float(phases[i]), least, "", text)], least
+
+
+def check_rates(
+    model: ArmModel, rates: tuple[Floats, Floats], times: Floats, phases: Floats
+) -> tuple[list[Finding], dict[str, float]]:
+    """Return whether joint velocities and accelerations (n, dof) keep their limits, and the largest shares used."""
+    found: list[Finding] = []
+    used: dict[str, float] = {}
+    for name, values, limit in (
+        ("velocity", rates[0], model.limits.velocity),
+        ("acceleration", rates[1], model.limits.acceleration),
+    ):
+        share = np.abs(values) / np.array(limit)
+        used[name] = float(share.max())
+        if used[name] > 1.0:
+            i, joint = (int(k) for k in np.unravel_index(int(share.argmax()), share.shape))
+            text = (
+                f"joint {joint + 1} of {model.name} would need {used[name]:.2f} times its {name} limit "
+                f"{_place(times[i], phases[i])}: go slower, or give the corners a blend radius"
+            )
+            found.append(Finding("SpeedLimit", float(times[i]), float(phases[i]), used[name], "of the limit", text))
+    return found, used
+
+
+def _place(time: float, phase: float) -> str:
+    if math.isnan(phase):
+        return "on the way to or from the path"
+    return f"at {time:.2f} s, {100 * phase:.1f} % of the path"

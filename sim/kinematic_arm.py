@@ -1,0 +1,186 @@
+"""An arm without a simulator.
+
+It is exactly where it is commanded to be. For machines without PyBullet, and for fast tests.
+"""
+
+import asyncio
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from sim.arm import (
+    ArmFault,
+    ArmMode,
+    ArmModel,
+    ArmState,
+    CommandRefused,
+    Floats,
+    Progress,
+    Stopped,
+    Trace,
+)
+from sim.execution import Execution, Phase, Recorder
+from sim.gate import check_override, check_start
+from sim.kinematics import kinematics
+from sim.plan import MotionPlan
+from sim.pose import pose_of
+
+SLICE = 0.002
+PROGRESS_PERIOD = 0.07
+NAP = 0.005
+
+
+class KinematicArm:
+    """An ``Arm`` that obeys exactly.
+
+    ``realtime`` paces it like a real one; else it runs as fast as the computer allows.
+    """
+
+    def __init__(self, model: ArmModel, realtime: bool = True) -> None:
+        self.model = model
+        self._realtime = realtime
+        self._joints: Floats = np.array(model.home)
+        self._execution: Execution | None = None
+        self._is_open = False
+        self._protective = ""
+        self._override = 1.0
+        self._turn = asyncio.Event()
+
+    async def open(self) -> None:
+        """Make contact: the arm stands where it was left, at home the first time."""
+        self._is_open = True
+
+    async def close(self) -> None:
+        """Stop and let go."""
+        if self._execution is not None:
+            await self.stop("the arm was closed")
+        self._is_open = False
+
+    def state(self) -> ArmState:
+        """Return where the arm is and what it does."""
+        return ArmState(
+            joints=tuple(float(value) for value in self._joints),
+            tool_pose=pose_of(kinematics(self.model), self._joints),
+            at_rest=self._execution is None or self._execution.phase is Phase.PAUSED,
+            mode=self._mode(),
+            protective_stop=bool(self._protective),
+            fault=self._protective,
+            known=True,
+            override=self._override,
+        )
+
+    async def run(self, plan: MotionPlan, on_progress: Callable[[Progress], None]) -> Trace:
+        """Run a plan to its end and return what was commanded, which here is also what was measured."""
+        check_start(self.model, self.state(), plan)
+        execution = self._execution = Execution(plan, self.model, self._override)
+        recorder = Recorder(self.model, f"{self.model.name}, kinematic: exactly as commanded, no physics")
+        try:
+            await self._drive(execution, recorder, on_progress)
+        finally:
+            if execution.phase is not Phase.ENDED:
+                execution.stop("the run was cancelled")
+                while execution.phase is not Phase.ENDED:
+                    self._joints = execution.tick()
+            self._execution = None
+            self._tell()
+        if execution.failure:
+            self._protective = execution.stop_reason
+            raise ArmFault(execution.failure, execution.stop_reason, recorder.trace())
+        if execution.stop_reason:
+            raise Stopped(execution.stop_reason, recorder.trace())
+        on_progress(Progress(1.0, plan.duration, plan.segments[-1].stage))
+        return recorder.trace()
+
+    async def pause(self, because: str) -> None:
+        """Slow down to rest on the path."""
+        self._running("pause").pause()
+        await self._until(Phase.PAUSED, Phase.RUNNING)
+
+    async def resume(self) -> None:
+        """Go on after a pause."""
+        execution = self._running("resume")
+        if execution.phase not in {Phase.PAUSED, Phase.PAUSING}:
+            raise CommandRefused("ParameterInvalid", f"{self.model.name} is not paused")
+        execution.resume()
+        self._tell()
+
+    async def stop(self, because: str) -> None:
+        """Come to rest on the path and end the run."""
+        if self._execution is not None:
+            self._execution.stop(because)
+            self._tell()
+            await self._until()
+
+    async def protective_stop(self, because: str) -> None:
+        """Come to rest and refuse to move until reset."""
+        if self._execution is None:
+            self._protective = because
+            return
+        self._execution.stop(because, "ProtectiveStop")
+        self._tell()
+        await self._until()
+
+    async def set_override(self, fraction: float) -> None:
+        """Run slower, or at full speed again."""
+        check_override(fraction)
+        self._override = fraction
+        if self._execution is not None:
+            self._execution.set_override(fraction)
+
+    async def reset(self) -> None:
+        """Acknowledge a protective stop."""
+        if self._execution is not None:
+            raise CommandRefused("Busy", f"{self.model.name} is {self._mode()}: stop it before a reset")
+        self._protective = ""
+
+    async def _drive(self, execution: Execution, recorder: Recorder, on_progress: Callable[[Progress], None]) -> None:
+        recorder.add(execution, self._joints, self._joints)
+        began = time.monotonic()
+        told = 0.0
+        ticks = 0
+        while execution.phase is not Phase.ENDED:
+            if execution.phase is Phase.PAUSED:
+                waiting = time.monotonic()
+                self._tell()
+                await self._turn.wait()
+                began += time.monotonic() - waiting
+                continue
+            until = time.monotonic() + SLICE
+            due = (time.monotonic() - began) / execution.dt if self._realtime else float("inf")
+            while execution.phase not in {Phase.ENDED, Phase.PAUSED} and ticks < due and time.monotonic() < until:
+                self._joints = execution.tick()
+                ticks += 1
+                if ticks % execution.ticks_a_row == 0 or execution.phase is Phase.ENDED:
+                    recorder.add(execution, self._joints, self._joints)
+            now = time.monotonic()
+            if now - told >= PROGRESS_PERIOD:
+                told = now
+                at = execution.path_time
+                on_progress(Progress(execution.fraction, at, execution.plan.stage_at(at)))
+            await asyncio.sleep(NAP if self._realtime and ticks >= due else 0)
+
+    def _running(self, command: str) -> Execution:
+        if self._execution is None:
+            raise CommandRefused("ParameterInvalid", f"{self.model.name} runs nothing: there is nothing to {command}")
+        return self._execution
+
+    async def _until(self, *phases: Phase) -> None:
+        """Wait until the run has ended or reached one of the phases."""
+        execution = self._execution
+        while execution is not None and self._execution is execution and execution.phase not in phases:
+            await self._turn.wait()
+
+    def _tell(self) -> None:
+        """Wake everybody who waits for a change."""
+        self._turn.set()
+        self._turn = asyncio.Event()
+
+    def _mode(self) -> ArmMode:
+        if not self._is_open:
+            return ArmMode.CLOSED
+        if self._execution is None:
+            return ArmMode.PROTECTIVE_STOP if self._protective else ArmMode.IDLE
+        if self._execution.phase is Phase.PAUSED:
+            return ArmMode.PAUSED
+        return ArmMode.STOPPING if self._execution.phase is Phase.STOPPING else ArmMode.RUNNING
