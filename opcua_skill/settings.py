@@ -44,7 +44,7 @@ class Workstation(Section):
     name: str = Field(default="ws1", pattern=WORKSTATION_NAME, description="browse name under Machines")
     arm: str = Field(default="panda", description="name of the arm")
     driver: Literal["pybullet", "kinematic"] = Field(
-        "pybullet", description="what moves: PyBullet, or kinematics alone"
+        default="pybullet", description="what moves: PyBullet, or kinematics alone"
     )
     realtime: bool = Field(default=True, description="pace a simulated arm like a real one; false: as fast as possible")
     equipment: tuple[Equipment, ...] = Field(default=(DISPENSER,), description="process equipment")

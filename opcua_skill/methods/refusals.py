@@ -37,7 +37,27 @@ CODES: dict[type[Exception], int] = {
     MotionNotPossible: Code.BadOutOfRange,
     CommandRefused: Code.BadInvalidState,
 }
+NAMED = {
+    "skill": "SkillName",
+    "version": "Version",
+    "recipe": "RecipeId",
+    "job": "JobId",
+    "trace": "JobId",
+    "workstation": "Workstation",
+    "demonstration": "DemonstrationId",
+}
 BLAMED = {"demonstrations": "Demonstrations", "options": "Options", "edits": "Indices", "model": "Content"}
+
+
+def _at_fault(error: Exception) -> dict[str, int]:
+    """Return which argument an error points at, with its code."""
+    if isinstance(error, NotFound):
+        return {NAMED.get(error.kind, ""): int(StatusCodes.BadNotFound)}
+    if isinstance(error, DigestDiffers):
+        return {"ModelDigest": int(StatusCodes.BadOutOfRange)}
+    if isinstance(error, MotionNotPossible):
+        return {"RecipeId": int(StatusCodes.BadOutOfRange)}
+    return {}
 
 
 def out_of_range(argument: str, reason: str) -> Refused:
@@ -56,7 +76,7 @@ def refusing(
             try:
                 return await method(*arguments)
             except tuple(CODES) as error:
-                raise Refused(CODES[type(error)], str(error)) from error
+                raise Refused(CODES[type(error)], str(error), arguments=_at_fault(error)) from error
             except InvalidValue as error:
                 raise out_of_range((fields or {}).get(error.field, blame), str(error)) from error
             except LearningFailed as error:

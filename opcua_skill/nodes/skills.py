@@ -123,8 +123,8 @@ class SkillNodes:
 
     async def job_changed(self, report: JobReport) -> None:
         """Show how the program stands after a job of this workstation changed."""
-        name = report.skill_name
-        if name not in self._nodes or report.mode == "simulation" or report.state not in STATES:
+        name, never_ran = report.skill_name, report.start_time is None
+        if never_ran or name not in self._nodes or report.mode == "simulation" or report.state not in STATES:
             return
         path, before, after = self.path(name), self._states[name], STATES[report.state]
         await self._tree.write(f"{path}/Progress", number(report.progress))
