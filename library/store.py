@@ -29,7 +29,8 @@ from library.rows import versions as version_rows
 from library.rows.encoding import unpack_aligned, unpack_recording
 from library.values import check_name, check_text
 from models.demonstration import Demonstration, Edits
-from models.learning import AlignedDemonstration, LearnedMotion, LearningOptions
+from models.options import LearningOptions
+from models.report import AlignedDemonstration, LearnedMotion
 
 
 class SkillLibrary:

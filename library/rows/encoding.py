@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from library.errors import InvalidValue
 from library.values import as_utc, check_text
 from models.demonstration import Demonstration
-from models.learning import AlignedDemonstration
+from models.report import AlignedDemonstration
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 

@@ -20,7 +20,8 @@ from library.rows import jobs, recipes, recordings, versions
 from library.rows.encoding import PackedRecording, finite, pack_aligned, pack_recording
 from library.values import check_name, now
 from models.demonstration import Demonstration, Edits
-from models.learning import LearnedMotion, LearningOptions
+from models.options import LearningOptions
+from models.report import LearnedMotion
 
 
 @dataclass(frozen=True, slots=True)
