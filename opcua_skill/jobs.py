@@ -28,7 +28,7 @@ from opcua_skill.computations import (
 from opcua_skill.lane import Lane, Order
 from opcua_skill.settings import Settings
 from opcua_skill.workers import WorkerDied, Workers, WorkerTimeout
-from sim.arm import Arm, ArmModel
+from sim.arm import Arm, ArmMode, ArmModel
 from sim.plan import Finding, MotionOrder, MotionPlan
 
 Mode = Literal["simulation", "test", "production"]
@@ -60,6 +60,10 @@ class LearningFailed(Exception):
     def __init__(self, argument: str, reason: str) -> None:
         super().__init__(reason)
         self.argument = argument
+
+
+class ArmNotReady(Exception):
+    """The arm cannot move until somebody acknowledges what stopped it."""
 
 
 class MotionNotPossible(Exception):
@@ -137,6 +141,7 @@ class JobEngine:
         self._planners = Workers(1, "planning")
         self._learning_slots = asyncio.Semaphore(settings.learning.workers)
         self._learning: dict[str, asyncio.Task[LearningOutcome]] = {}
+        self._progress: dict[str, float] = {}
         self._warm_up: asyncio.Task[None] | None = None
         self.stations: dict[str, Station] = {}
         for station in settings.workstations:
@@ -208,7 +213,7 @@ class JobEngine:
         await self._library.add_job(report)
         task = asyncio.create_task(self._learn(job_id, request), name=f"job {job_id}")
         self._learning[job_id] = task
-        task.add_done_callback(lambda _: self._learning.pop(job_id, None))
+        task.add_done_callback(lambda _: (self._learning.pop(job_id, None), self._progress.pop(job_id, None)))
         task.add_done_callback(_log_unexpected)
         await asyncio.wait({task}, timeout=answer_within)
         if task.done():
@@ -227,6 +232,7 @@ class JobEngine:
                     request.edits,
                     request.options,
                     seconds=self._settings.learning.timeout,
+                    on_progress=lambda fraction: self._progress.__setitem__(job_id, fraction),
                 )
             if not isinstance(learned, LearningRefused):
                 description = await self._library.add_version(
@@ -274,6 +280,10 @@ class JobEngine:
         await self.tell(report)
         return report
 
+    def learning_progress(self, job_id: str) -> float | None:
+        """Return how far a learning job under way is, 0..1, or None if it is not."""
+        return self._progress.get(job_id)
+
     # Execution
 
     async def execute(self, station_name: str, skill_name: str, recipe: Recipe, mode: Mode, actor: str) -> JobReport:
@@ -287,6 +297,8 @@ class JobEngine:
         missing = set(description.required_atomic_skills) - station.atomic_skills
         if missing:
             raise LacksAtomicSkill(f"{station_name} lacks the atomic skill {', '.join(sorted(missing))}")
+        if lane is station.lane:
+            _check_ready(station)
         self._room_on(lane)
         planned = await self.plan(station, description, recipe, TEST_SPEED if mode == "test" else 1.0)
         report = JobReport(
@@ -404,6 +416,14 @@ class JobEngine:
                 if lane.holds(job_id):
                     return lane
         return None
+
+
+def _check_ready(station: Station) -> None:
+    """Raise ArmNotReady while the arm waits for a reset: a new command must not be what sets it going again."""
+    state = station.arm.state()
+    if state.protective_stop or state.mode is ArmMode.FAULT or not state.known:
+        what = state.fault or state.mode.value
+        raise ArmNotReady(f"the arm of {station.name} waits for a reset: {what}")
 
 
 def _log_unexpected(task: asyncio.Task[LearningOutcome]) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from asyncua import ua
 
-from library.description import SkillDescription, VersionState
+from library.description import JobState, SkillDescription, VersionState
 from library.errors import InvalidValue, NotFound
 from library.store import SkillLibrary
 from library.values import check_name, check_text
@@ -270,7 +270,10 @@ class LibraryMethods:
         """Return the report of a learning job."""
         report = await self.library.job(job_id)
         if report.kind != "Learning":
-            raise NotFound("learning job", job_id)
+            raise NotFound("job", job_id)
+        progress = self.jobs.learning_progress(job_id)
+        if progress is not None and report.state is JobState.RUNNING:
+            report = report.model_copy(update={"progress": progress})
         return (wire_report(report),)
 
 

@@ -17,7 +17,7 @@ from library.errors import (
 )
 from models.errors import SkillError
 from opcua_skill.arm_lock import LockedByAnother
-from opcua_skill.jobs import LacksAtomicSkill, LearningFailed, MotionNotPossible, NotExecutable, QueueFull
+from opcua_skill.jobs import ArmNotReady, LacksAtomicSkill, LearningFailed, MotionNotPossible, NotExecutable, QueueFull
 from opcua_skill.stack.calls import Refused
 from sim.arm import CommandRefused
 
@@ -31,6 +31,7 @@ CODES: dict[type[Exception], int] = {
     AlreadyExists: Code.BadInvalidState,
     OwnVersion: Code.BadUserAccessDenied,
     NotExecutable: Code.BadNotExecutable,
+    ArmNotReady: Code.BadInvalidState,
     LacksAtomicSkill: Code.BadNotSupported,
     QueueFull: Code.BadResourceUnavailable,
     LockedByAnother: Code.BadLocked,

@@ -1,0 +1,105 @@
+"""Computations run in their own processes: a dead, slow or cancelled one is a named failure, and the next one works."""
+
+import asyncio
+import os
+import signal
+import threading
+import time
+from collections.abc import AsyncIterator
+from pathlib import Path
+
+import pytest
+
+from opcua_skill.workers import WorkerDied, Workers, WorkerTimeout, report_progress
+
+LIMIT = 60.0
+
+
+def double(value: int) -> int:
+    return 2 * value
+
+
+def die() -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def own_process() -> int:
+    return os.getpid()
+
+
+def wait_for_ever() -> None:
+    threading.Event().wait()
+
+
+def divide_by_zero() -> float:
+    return 1 / 0
+
+
+def half_way() -> None:
+    report_progress(0.5)
+    time.sleep(0.6)
+
+
+@pytest.fixture
+async def workers() -> AsyncIterator[Workers]:
+    made = Workers(1, "test")
+    yield made
+    made.close()
+
+
+async def test_an_answer_comes_from_another_process(workers: Workers) -> None:
+    assert await workers.run("doubling", double, 21, seconds=LIMIT) == 42
+    assert await workers.run("asking", own_process, seconds=LIMIT) != os.getpid()
+
+
+async def test_exceptions_pass_through(workers: Workers) -> None:
+    with pytest.raises(ZeroDivisionError):
+        await workers.run("dividing", divide_by_zero, seconds=LIMIT)
+
+
+async def test_a_dead_worker_is_named_and_replaced(workers: Workers) -> None:
+    with pytest.raises(WorkerDied, match="while it was dying"):
+        await workers.run("dying", die, seconds=LIMIT)
+    assert await workers.run("doubling", double, 1, seconds=LIMIT) == 2
+
+
+async def test_a_slow_computation_is_ended_and_the_next_one_works(workers: Workers) -> None:
+    await workers.warm_up(own_process)
+    with pytest.raises(WorkerTimeout):
+        await workers.run("waiting", wait_for_ever, seconds=0.3)
+    assert await workers.run("doubling", double, 1, seconds=LIMIT) == 2
+
+
+async def test_cancelling_ends_the_computation(workers: Workers) -> None:
+    before = await workers.run("asking", own_process, seconds=LIMIT)
+    task = asyncio.create_task(workers.run("waiting", wait_for_ever, seconds=LIMIT))
+    await asyncio.sleep(0.1)
+    task.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await task
+    assert await workers.run("asking", own_process, seconds=LIMIT) != before
+    async with asyncio.timeout(LIMIT):
+        while _alive(before):
+            await asyncio.sleep(0.02)
+
+
+async def test_progress_reaches_the_caller(workers: Workers) -> None:
+    seen: list[float] = []
+    await workers.run("going half way", half_way, seconds=LIMIT, on_progress=seen.append)
+    assert 0.5 in seen
+
+
+async def test_closing_leaves_no_process(workers: Workers) -> None:
+    process = await workers.run("asking", own_process, seconds=LIMIT)
+    workers.close()
+    async with asyncio.timeout(LIMIT):
+        while _alive(process):
+            await asyncio.sleep(0.02)
+
+
+def _alive(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    return Path(f"/proc/{process}/stat").read_text(encoding="ascii").rsplit(")", 1)[1].split()[0] != "Z"
