@@ -56,7 +56,7 @@ class MethodSpec:
     time_limit: float = 10.0
 
 
-class Refused(Exception):  # noqa: N818
+class Refused(Exception):
     """Raised by a handler to refuse a call: the status code, a sentence of reason, which arguments are at fault."""
 
     def __init__(self, code: int, reason: str, *, arguments: Mapping[str, int] | None = None) -> None:

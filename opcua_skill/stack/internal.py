@@ -46,7 +46,9 @@ class SkillInternalServer(InternalServer):
         self.limits = limits
         self.sign_in = sign_in
         self.anonymous = security.insecure_anonymous
+        self.no_encryption = security.insecure_no_encryption
         self.trust = None if security.insecure_trust_every_client else TrustList(security.folder)
+        self.on_sign_in: Callable[[Session, ua.ActivateSessionParameters, int], Awaitable[None]] | None = None
         self.on_session_closed: list[Callable[[str], Awaitable[None]]] = []
         self._write_roles: dict[ua.NodeId, frozenset[Role]] = {}
         self.on_write: dict[ua.NodeId, Callable[[Any], Awaitable[None]]] = {}
@@ -82,8 +84,10 @@ class SkillInternalServer(InternalServer):
 
     async def admit_client(self, channel: Channel | None, params: ua.CreateSessionParameters) -> None:
         """Refuse a client whose channel's certificate is not trusted, not its own, or not valid now."""
-        if channel is None or not channel.peer.certificate:
-            return
+        if channel is None or channel.mode != ua.MessageSecurityMode.SignAndEncrypt or not channel.peer.certificate:
+            if self.no_encryption:
+                return
+            raise ServiceError(Codes.BadSecurityModeRejected)
         der = channel.peer.certificate
         if bytes(params.ClientCertificate or b"")[: len(der)] != der:
             raise ServiceError(Codes.BadCertificateInvalid)
@@ -98,6 +102,41 @@ class SkillInternalServer(InternalServer):
                 "client certificate %s from %s is not trusted", certificate.subject.rfc4514_string(), channel.peer
             )
             raise ServiceError(Codes.BadCertificateUntrusted)
+
+    def may_transfer(self, subscription_id: int, to: Session) -> int:
+        """Return 0 if a session may take a subscription over from another of the same user and client, or why not."""
+        subscription = self.subscription_service.subscriptions.get(subscription_id)
+        if subscription is None:
+            return Codes.BadSubscriptionIdInvalid
+        sessions = (s for s in self._external_sessions.values() if s.session_id == subscription.session_id)
+        owner = next(sessions, None)
+        if not isinstance(owner, Session) or owner.channel is None or to.channel is None:
+            return Codes.BadUserAccessDenied
+        same = owner.is_activated() and owner.identity == to.identity and owner.channel.same_client(to.channel)
+        return Codes.Good if same and to.identity.name else Codes.BadUserAccessDenied
+
+    async def detached(self, session: Session) -> None:
+        """A session has lost its connection and waits to come back; of one user on one client only a few may wait."""
+        if session.channel is None:
+            return
+        waiting = [
+            other
+            for other in self._external_sessions.values()
+            if isinstance(other, Session)
+            and not _connected(other)
+            and other.is_activated()
+            and other.identity == session.identity
+            and other.channel is not None
+            and other.channel.same_client(session.channel)
+        ]
+        waiting.sort(key=Session.idle_for)
+        for oldest in waiting[self.limits.detached_sessions_per_user :]:
+            await oldest.close_session(True)
+
+    async def told_sign_in(self, session: Session, params: ua.ActivateSessionParameters, code: int) -> None:
+        """Tell the audit hook how a sign-in ended."""
+        if self.on_sign_in is not None:
+            await self.on_sign_in(session, params, code)
 
     async def session_closed(self, session: Session) -> None:
         """Tell those who hold something for a session that it is over. One that fails does not silence the others."""

@@ -36,11 +36,14 @@ class Limits:
     failed_sign_ins_per_connection: int = 3
     failed_sign_in_delay: float = 0.2
     session_timeout_ms: float = 120_000
+    detached_sessions_per_user: int = 3
     # services
     operations_per_request: int = 2_000
     calls_per_request: int = 20
+    browses_per_request: int = 500
     path_elements: int = 64
     references_per_browse: int = 1_000
+    references_per_request: int = 10_000
     continuation_points: int = 10
     # subscriptions
     subscriptions: int = 500

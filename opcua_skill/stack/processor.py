@@ -1,46 +1,44 @@
-"""One connection's requests: which session they belong to, who signs in, and exact answers to everything else."""
+"""One connection's requests: its channel, the session it speaks for, who signs in, and exact answers to the rest."""
 
 import asyncio
 import logging
 import secrets
+import time
 from typing import TYPE_CHECKING, Any
 
 from asyncua import ua
-from asyncua.common.utils import NotEnoughData, ServiceError
+from asyncua.common.utils import Buffer, ServiceError
 from asyncua.server.internal_session import SessionState
-from asyncua.server.uaprocessor import UaProcessor
+from asyncua.server.uaprocessor import PublishRequestData, UaProcessor
 from asyncua.ua.object_ids import ObjectIds as Ids
 from asyncua.ua.status_codes import StatusCodes as Codes
-from asyncua.ua.ua_binary import nodeid_from_binary, struct_from_binary
+from asyncua.ua.ua_binary import nodeid_from_binary, struct_to_binary, uatcp_to_binary
 from asyncua.ua.uaerrors import UaStatusCodeError
 from cryptography.exceptions import InvalidSignature
 
 from opcua_skill.stack.access import Peer
+from opcua_skill.stack.decoding import MALFORMED, decode
+from opcua_skill.stack.services import SERVICES
 from opcua_skill.stack.sessions import Channel, Session, current_channel
 from opcua_skill.stack.sign_in import prove_identity
-from opcua_skill.stack.values import status
+from opcua_skill.stack.values import status, status_name
 
 if TYPE_CHECKING:
     from opcua_skill.stack.internal import SkillInternalServer
 
 log = logging.getLogger(__name__)
 
-_WITHOUT_SESSION = frozenset(
-    {
-        Ids.FindServersRequest_Encoding_DefaultBinary,
-        Ids.GetEndpointsRequest_Encoding_DefaultBinary,
-        Ids.CloseSecureChannelRequest_Encoding_DefaultBinary,
-    }
-)
-
-
 CALLS_AT_ONCE = 8
 LONG_CALL_SECONDS = 0.05
-_CALL = ua.FourByteNodeId(Ids.CallRequest_Encoding_DefaultBinary)
+CLOSE = 0
+CHUNK_TOLERANCE = 1024
+LIFETIME_MS = (10_000, 3_600_000)
+_CALL = Ids.CallRequest_Encoding_DefaultBinary
+_PUBLISH = Ids.PublishRequest_Encoding_DefaultBinary
 
 
 class Processor(UaProcessor):
-    """Handles the requests of one connection, one after another but for long calls."""
+    """Handles the requests of one connection, one after another but for calls that take long."""
 
     iserver: "SkillInternalServer"  # pyright: ignore[reportIncompatibleVariableOverride]
     session: Session | None  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -49,107 +47,262 @@ class Processor(UaProcessor):
         super().__init__(internal_server, transport, limits)
         self.sessions_tried = 0
         self.failed_sign_ins = 0
-        self._calls: set[asyncio.Task[bool]] = set()
+        self.counted_bytes = 0
+        self._calls: set[asyncio.Task[int | None]] = set()
+        self._channel: Channel | None = None
+        self._channel_until = float("inf")
+        self._largest_response = 0
+        self._most_response_chunks = 0
+
+    @property
+    def has_channel(self) -> bool:
+        """Return whether a secure channel is open."""
+        return self._connection.is_open()
+
+    @property
+    def unfinished_bytes(self) -> int:
+        """Return the size of a message of which not all chunks have come."""
+        return self._connection._incoming_size
 
     @property
     def channel(self) -> Channel:
         """Return the security of this connection's channel and who is at the other end."""
-        policy = self._connection.security_policy
-        address = str(self.name[0]) if self.name else "?"
-        return Channel(policy.URI, policy.Mode, Peer(address, bytes(policy.peer_certificate or b"")))
+        if self._channel is None:
+            policy = self._connection.security_policy
+            address = str(self.name[0]) if self.name else "?"
+            self._channel = Channel(policy.URI, policy.Mode, Peer(address, bytes(policy.peer_certificate or b"")))
+        return self._channel
 
-    async def process_message(self, seqhdr: Any, body: Any) -> bool:
-        """Answer one request. A call that takes long goes on beside the next requests, so that keep-alives are served."""
-        position = body.cur_pos
-        try:
-            service = nodeid_from_binary(body)
-        except NotEnoughData:
-            service = None
-        body.rewind(position)
-        if service != _CALL:
-            return await self._answer(seqhdr, body)
-        while len(self._calls) >= CALLS_AT_ONCE:
-            await asyncio.wait(self._calls, return_when=asyncio.FIRST_COMPLETED)
-        call = asyncio.create_task(self._answer(seqhdr, body))
-        self._calls.add(call)
-        call.add_done_callback(self._calls.discard)
-        await asyncio.wait({call}, timeout=LONG_CALL_SECONDS)
-        return call.result() if call.done() else True
+    def channel_expired(self, now: float) -> bool:
+        """Return whether the client has let its channel's key grow too old."""
+        return now > self._channel_until
 
-    async def _answer(self, seqhdr: Any, body: Any) -> bool:
-        """Answer one request; what goes wrong becomes a service fault with the code that fits."""
-        handle = 0
+    async def process_chunk(self, header: Any, frame: Buffer) -> int | None:
+        """Process one chunk. Return None to go on, CLOSE to close, or the status code to close with."""
+        kind = header.MessageType
         try:
-            typeid = nodeid_from_binary(body)
-            header = struct_from_binary(ua.RequestHeader, body)
-            handle = header.RequestHandle
-            return bool(await self._process_message(typeid, header, seqhdr, body))
+            if kind == ua.MessageType.Hello:
+                return self._hello(frame)
+            if kind == ua.MessageType.SecureOpen:
+                return self._open_channel(header, frame)
+            if not self.has_channel:
+                return Codes.BadSecureChannelIdInvalid
+            if self.unfinished_bytes + header.body_size > self._largest_message():
+                return Codes.BadTcpMessageTooLarge
+            message = self._connection.receive_from_header_and_body(header, frame)
         except (ServiceError, UaStatusCodeError) as error:
-            code = error.code
-        except InvalidSignature:
-            code = Codes.BadApplicationSignatureInvalid
-        except NotEnoughData:
-            code = Codes.BadDecodingError
-        except Exception:
-            fault = secrets.token_hex(4)
-            log.exception("fault %s in a request of %s", fault, self.name)
-            code = Codes.BadInternalError
-        log.info("fault %s to %s", status(code).name, self.name)
+            return int(error.code)
+        except (InvalidSignature, RecursionError, *MALFORMED) as error:
+            log.info("a chunk of %s is refused: %s", self.name, type(error).__name__)
+            return Codes.BadSecurityChecksFailed
+        if kind == ua.MessageType.SecureClose:
+            self._connection.close()
+            return CLOSE
+        if message is None:
+            return None
+        return await self._request(message.SequenceHeader(), message.body())
+
+    def _largest_message(self) -> int:
+        limits = self.iserver.limits
+        signed_in = self.session is not None and self.session.is_activated()
+        return limits.largest_message if signed_in else limits.largest_message_before_sign_in
+
+    def _hello(self, frame: Buffer) -> int | None:
+        """Agree on chunk sizes. What the client wants to receive limits our answers, not what it may send."""
+        hello, limits = decode(ua.Hello, frame), self.iserver.limits
+        smallest = limits.smallest_client_buffer
+        if hello.ReceiveBufferSize < smallest or hello.SendBufferSize < smallest:
+            return Codes.BadTcpNotEnoughResources
+        receive = min(hello.SendBufferSize, limits.largest_chunk)
+        send = min(hello.ReceiveBufferSize, limits.largest_chunk)
+        self._limits.max_recv_buffer = receive + CHUNK_TOLERANCE
+        self._limits.max_send_buffer = send
+        self._limits.max_message_size = limits.largest_message
+        self._limits.max_chunk_count = limits.largest_message // smallest + 1
+        self._largest_response, self._most_response_chunks = hello.MaxMessageSize, hello.MaxChunkCount
+        answer: Any = ua.Acknowledge()
+        answer.ReceiveBufferSize, answer.SendBufferSize = receive, send
+        answer.MaxMessageSize, answer.MaxChunkCount = limits.largest_message, self._limits.max_chunk_count
+        acknowledge: Any = ua.MessageType.Acknowledge
+        self._transport.write(uatcp_to_binary(acknowledge, answer))
+        return None
+
+    def _open_channel(self, header: Any, frame: Buffer) -> int | None:
+        """Open a channel, once; after that it can only be renewed."""
+        was_open = self.has_channel
+        message = self._connection.receive_from_header_and_body(header, frame)
+        algorithm, sequence = message.SecurityHeader(), message.SequenceHeader()
+        request = decode(ua.OpenSecureChannelRequest, message.body())
+        wanted = request.Parameters
+        if was_open == (wanted.RequestType == ua.SecurityTokenRequestType.Issue):
+            return Codes.BadSecurityChecksFailed
+        if not was_open:
+            self._connection.select_policy(
+                algorithm.SecurityPolicyURI, algorithm.SenderCertificate, wanted.SecurityMode
+            )
+        policy = self._connection.security_policy
+        if len(wanted.ClientNonce or b"") < policy.secure_channel_nonce_length:
+            return Codes.BadNonceInvalid
+        wanted.RequestedLifetime = max(LIFETIME_MS[0], min(wanted.RequestedLifetime or LIFETIME_MS[1], LIFETIME_MS[1]))
+        response = ua.OpenSecureChannelResponse()
+        response.Parameters = self._connection.open(wanted, self.iserver)
+        self.send_response(request.RequestHeader.RequestHandle, sequence, response, ua.MessageType.SecureOpen)
+        # a client renews at three quarters of the lifetime, and its old token serves a quarter longer
+        self._channel_until = time.monotonic() + wanted.RequestedLifetime / 1000 * 1.25
+        return None
+
+    def send_response(
+        self, requesthandle: Any, seqhdr: Any, response: Any, msgtype: Any = ua.MessageType.SecureMessage
+    ):
+        """Send a response; one the client said it cannot take becomes a fault that says so."""
+        response.ResponseHeader.RequestHandle = requesthandle
+        body = struct_to_binary(response)
+        chunks = len(body) // (self._limits.max_send_buffer - 1024) + 1
+        too_large = 0 < self._largest_response < len(body) or 0 < self._most_response_chunks < chunks
+        if too_large and not isinstance(response, ua.ServiceFault):
+            self._fault(requesthandle, seqhdr, Codes.BadResponseTooLarge)
+            return
+        if not self._transport.is_closing():
+            data = self._connection.message_to_binary(body, message_type=msgtype, request_id=seqhdr.RequestId)
+            self._transport.write(data)
+
+    def _fault(self, handle: int, seqhdr: Any, code: int) -> None:
+        log.info("fault %s to %s", status_name(code), self.name)
         response = ua.ServiceFault()
         response.ResponseHeader.ServiceResult = status(code)
         self.send_response(handle, seqhdr, response)
-        return True
 
-    async def _process_message(self, typeid: Any, requesthdr: Any, seqhdr: Any, body: Any) -> bool | None:
-        service = typeid.Identifier if typeid.NamespaceIndex == 0 else None
-        if service in _WITHOUT_SESSION:
-            return await super()._process_message(typeid, requesthdr, seqhdr, body)
-        if service == Ids.CreateSessionRequest_Encoding_DefaultBinary:
-            return await self._create_session(typeid, requesthdr, seqhdr, body)
-        if service == Ids.ActivateSessionRequest_Encoding_DefaultBinary:
-            return await self._activate_session(requesthdr, seqhdr, body)
+    async def _request(self, seqhdr: Any, body: Buffer) -> int | None:
+        """Answer one request. A call that takes long goes on beside the next requests: keep-alives are served."""
+        try:
+            type_id = nodeid_from_binary(body)
+            header = decode(ua.RequestHeader, body)
+        except (UaStatusCodeError, *MALFORMED):
+            self._fault(0, seqhdr, Codes.BadDecodingError)
+            return None
+        service = type_id.Identifier if type_id.NamespaceIndex == 0 else None
+        if service != _CALL:
+            return await self._answer(service, header, seqhdr, body)
+        while len(self._calls) >= CALLS_AT_ONCE:
+            await asyncio.wait(self._calls, return_when=asyncio.FIRST_COMPLETED)
+        call = asyncio.create_task(self._answer(service, header, seqhdr, body))
+        self._calls.add(call)
+        call.add_done_callback(self._calls.discard)
+        await asyncio.wait({call}, timeout=LONG_CALL_SECONDS)
+        return None
+
+    async def _answer(self, service: Any, header: Any, seqhdr: Any, body: Buffer) -> int | None:
+        """Answer one request; what goes wrong becomes a service fault with the code that fits."""
+        try:
+            special = _SPECIAL.get(service)
+            if special is not None:
+                return await special(self, header, seqhdr, body)
+            session = self._session_of(header)
+            entry = SERVICES.get(service)
+            if entry is None:
+                raise ServiceError(Codes.BadServiceUnsupported)
+            kind, answer = entry
+            response = await answer(self, session, decode(kind, body))
+            self.send_response(header.RequestHandle, seqhdr, response)
+        except (ServiceError, UaStatusCodeError) as error:
+            self._fault(header.RequestHandle, seqhdr, int(error.code))
+        except InvalidSignature:
+            self._fault(header.RequestHandle, seqhdr, Codes.BadApplicationSignatureInvalid)
+        except Exception:
+            fault = secrets.token_hex(4)
+            log.exception("fault %s in a request of %s", fault, self.name)
+            self._fault(header.RequestHandle, seqhdr, Codes.BadInternalError)
+        return None
+
+    def _session_of(self, header: Any) -> Session:
+        """Return the activated session a request speaks for: this connection's own, by its token."""
         session = self.session
-        if session is None or requesthdr.AuthenticationToken != session.auth_token:
+        if session is None or header.AuthenticationToken != session.auth_token:
             raise ServiceError(Codes.BadSessionIdInvalid)
         if session.state is SessionState.Closed:
             raise ServiceError(Codes.BadSessionClosed)
-        return await super()._process_message(typeid, requesthdr, seqhdr, body)
+        if session.state is not SessionState.Activated:
+            raise ServiceError(Codes.BadSessionNotActivated)
+        session.touch()
+        return session
 
-    async def _create_session(self, typeid: Any, requesthdr: Any, seqhdr: Any, body: Any) -> bool | None:
+    async def _publish(self, header: Any, seqhdr: Any, body: Buffer) -> None:
+        """Keep a publish request until one of the session's subscriptions has something to say."""
+        session = self._session_of(header)
+        params = decode(ua.PublishParameters, body)
+        subscriptions, results = session.publish(params.SubscriptionAcknowledgements)
+        request = PublishRequestData(requesthdr=header, seqhdr=seqhdr, results=results)
+        while self._publish_results_subs:
+            waiting = next(iter(self._publish_results_subs))
+            del self._publish_results_subs[waiting]
+            subscription = session.subscription_service.subscriptions.get(waiting)
+            if subscription is not None and await subscription.publish_results(request):
+                return
+        if len(self._publish_requests) >= self.publish_request_limit(subscriptions):
+            self._evict_publish_request()
+        self._publish_requests.append(request)
+
+    async def _find_servers(self, header: Any, seqhdr: Any, body: Buffer) -> None:
+        response, wanted = ua.FindServersResponse(), decode(ua.FindServersParameters, body)
+        wanted.ServerUris = [uri for uri in wanted.ServerUris or [] if uri]
+        response.Servers = self.iserver.find_servers(wanted, sockname=self.sockname)
+        self.send_response(header.RequestHandle, seqhdr, response)
+
+    async def _get_endpoints(self, header: Any, seqhdr: Any, body: Buffer) -> None:
+        response = ua.GetEndpointsResponse()
+        wanted = decode(ua.GetEndpointsParameters, body)
+        response.Endpoints = await self.iserver.get_endpoints(wanted, sockname=self.sockname)
+        self.send_response(header.RequestHandle, seqhdr, response)
+
+    async def _create_session(self, header: Any, seqhdr: Any, body: Buffer) -> None:
         """Make a session, one at a time per connection; a client may try again after a refused sign-in."""
         if self.session is not None and self.session.is_activated():
             raise ServiceError(Codes.BadTooManySessions)
         self.sessions_tried += 1
         if self.sessions_tried > self.iserver.limits.sessions_tried_per_connection:
             raise ServiceError(Codes.BadTooManySessions)
+        params = decode(ua.CreateSessionParameters, body)
         await self._drop_session()
         await self.iserver.make_room_for_session()
         current_channel.set(self.channel)
+        session = self.iserver.create_session(str(self.name), external=True)
+        self.session, session.processor = session, self
         try:
-            done = await super()._process_message(typeid, requesthdr, seqhdr, body)
+            result = await session.create_session(params, sockname=self.sockname)
+            policy = self._connection.security_policy
+            result.ServerCertificate = policy.host_certificate
+            proof = (policy.peer_certificate or b"") + (params.ClientNonce or b"")
+            result.ServerSignature.Signature = policy.asymmetric_cryptography.signature(proof)
+            result.ServerSignature.Algorithm = policy.AsymmetricSignatureURI
         except BaseException:
             await self._drop_session()
             raise
-        if self.session is not None:
-            self.session.processor = self
-        return done
+        response = ua.CreateSessionResponse()
+        response.Parameters = result
+        self.send_response(header.RequestHandle, seqhdr, response)
+
+    async def _close_session(self, header: Any, seqhdr: Any, body: Buffer) -> None:
+        session = self.session
+        if session is None or header.AuthenticationToken != session.auth_token:
+            raise ServiceError(Codes.BadSessionIdInvalid)
+        await self._drop_session()
+        self.send_response(header.RequestHandle, seqhdr, ua.CloseSessionResponse())
 
     async def _drop_session(self) -> None:
         session, self.session = self.session, None
         if session is not None:
             await session.close_session(True)
 
-    async def _activate_session(self, requesthdr: Any, seqhdr: Any, body: Any) -> bool:
+    async def _activate_session(self, header: Any, seqhdr: Any, body: Buffer) -> None:
         """Sign a user in. A session that comes back on a new channel is attached only after all is proven."""
-        params = struct_from_binary(ua.ActivateSessionParameters, body)
+        params = decode(ua.ActivateSessionParameters, body)
         channel = self.channel
-        session = self._session_to_activate(requesthdr.AuthenticationToken, channel)
+        session = self._session_to_activate(header.AuthenticationToken, channel)
         policy = self._connection.security_policy
         nonce = session.nonce or b""
         try:
-            policy.asymmetric_cryptography.verify(
-                (policy.host_certificate or b"") + nonce, params.ClientSignature.Signature
-            )
+            own = policy.host_certificate or b""
+            policy.asymmetric_cryptography.verify(own + nonce, params.ClientSignature.Signature or b"")
             identity = await prove_identity(
                 self.iserver.sign_in,
                 channel,
@@ -161,9 +314,11 @@ class Processor(UaProcessor):
             )
             if session.is_activated() and session.identity != identity:
                 raise ServiceError(Codes.BadIdentityChangeNotSupported)
-            if session.state is SessionState.Closed:
-                raise ServiceError(Codes.BadSessionClosed)
-        except Exception:
+            if session.state is SessionState.Closed or session.nonce != nonce:
+                raise ServiceError(Codes.BadSessionIdInvalid)
+        except (ServiceError, InvalidSignature) as error:
+            code = error.code if isinstance(error, ServiceError) else Codes.BadApplicationSignatureInvalid
+            await self.iserver.told_sign_in(session, params, code)
             await self._failed_sign_in()
             raise
         result = session.activate(identity, params)
@@ -172,8 +327,8 @@ class Processor(UaProcessor):
         log.info("%s (%s) signed in from %s", identity.name or "anonymous", identity.role, channel.peer)
         response = ua.ActivateSessionResponse()
         response.Parameters = result
-        self.send_response(requesthdr.RequestHandle, seqhdr, response)
-        return True
+        self.send_response(header.RequestHandle, seqhdr, response)
+        await self.iserver.told_sign_in(session, params, Codes.Good)
 
     def _session_to_activate(self, token: ua.NodeId, channel: Channel) -> Session:
         """Return the session a token names, if this channel may speak for it."""
@@ -185,20 +340,18 @@ class Processor(UaProcessor):
             raise ServiceError(Codes.BadSessionIdInvalid)
         if session.channel is None or not session.channel.same_client(channel):
             raise ServiceError(Codes.BadSecurityChecksFailed)
-        if session.processor is not self and not channel.peer.certificate and session.identity.name == "":
-            raise ServiceError(Codes.BadSessionIdInvalid)  # an anonymous session without encryption proves nothing
+        if session.processor is not self and not (session.is_activated() and session.identity.name):
+            raise ServiceError(Codes.BadSessionIdInvalid)  # there is no user yet who could be proven the same
         return session
 
     def _take_over(self, session: Session) -> None:
         """Move a session of the same client and user from its old connection to this one."""
         old, session.processor = session.processor, self
         self.session = session  # pyright: ignore[reportIncompatibleVariableOverride]
-        self._closing = False
-        self._session_watchdog_task = asyncio.create_task(self._session_watchdog_loop())
         self.iserver.subscription_service.rebind(
             session.session_id, self.forward_publish_response, self.get_publish_request
         )
-        if old is not None and old is not self:
+        if old is not None:
             old.session = None
             old._transport.close()
 
@@ -208,3 +361,36 @@ class Processor(UaProcessor):
         await asyncio.sleep(limits.failed_sign_in_delay * self.failed_sign_ins)
         if self.failed_sign_ins >= limits.failed_sign_ins_per_connection:
             asyncio.get_running_loop().call_later(0.05, self._transport.close)
+
+    async def _close_channel(self, header: Any, seqhdr: Any, body: Buffer) -> int:
+        self._connection.close()
+        return CLOSE
+
+    def publish_request_limit(self, subscription_count: int) -> int:
+        """Return how many publish requests are kept for this connection."""
+        return min(subscription_count + 10, self.iserver.limits.publish_requests)
+
+    async def close(self) -> None:
+        """Drop what hangs on the connection. A session with subscriptions lives on until its timeout."""
+        self._publish_requests.clear()
+        for call in list(self._calls):
+            call.cancel()
+        session = self.session
+        if session is None:
+            return
+        if self._should_close_session_on_transport_loss():
+            await self._drop_session()
+        else:
+            session.processor = None
+            await self.iserver.detached(session)
+
+
+_SPECIAL = {
+    Ids.FindServersRequest_Encoding_DefaultBinary: Processor._find_servers,
+    Ids.GetEndpointsRequest_Encoding_DefaultBinary: Processor._get_endpoints,
+    Ids.CreateSessionRequest_Encoding_DefaultBinary: Processor._create_session,
+    Ids.ActivateSessionRequest_Encoding_DefaultBinary: Processor._activate_session,
+    Ids.CloseSessionRequest_Encoding_DefaultBinary: Processor._close_session,
+    Ids.CloseSecureChannelRequest_Encoding_DefaultBinary: Processor._close_channel,
+    _PUBLISH: Processor._publish,
+}

@@ -11,17 +11,17 @@ import asyncua
 from asyncua import ua
 from asyncua.common.events import Event
 from asyncua.common.node import Node
-from asyncua.server.binary_server_asyncio import BinaryServer, OPCUAProtocol
 from asyncua.server.server import Server
 
 from opcua_skill.security.certificates import ApplicationCertificate, ensure_server_certificate
 from opcua_skill.security.settings import SecuritySettings
 from opcua_skill.stack.access import SignIn
 from opcua_skill.stack.calls import CallRecord, OnCall
+from opcua_skill.stack.decoding import install
 from opcua_skill.stack.events import call_event, deliver
 from opcua_skill.stack.internal import SkillInternalServer
 from opcua_skill.stack.limits import Limits
-from opcua_skill.stack.processor import Processor
+from opcua_skill.stack.transport import Acceptor
 
 log = logging.getLogger(__name__)
 ASYNCUA_VERSION = "2.1.0"
@@ -32,7 +32,7 @@ _POLICIES = {
 }
 
 
-class WrongAsyncua(RuntimeError):  # noqa: N818
+class WrongAsyncua(RuntimeError):
     """The stack reaches into asyncua; only the version it was tested with may run."""
 
     def __init__(self, found: str) -> None:
@@ -63,6 +63,7 @@ class SkillServer(Server):
         self.stack_limits = limits or Limits()
         self.certificate: ApplicationCertificate | None = None
         self._on_call = on_call
+        install(self.stack_limits)
         super().__init__(iserver=SkillInternalServer(authenticate, security, self.stack_limits))
         self.iserver.method_service.on_call = self._called
         self.name = security.application_name
@@ -117,7 +118,7 @@ class SkillServer(Server):
         await self.iserver.start()
         host, port = self._get_bind_socket_info()
         try:
-            self.bserver = SkillBinaryServer(self.iserver, host or "", port or 0, self.limits)
+            self.bserver = Acceptor(self.iserver, host or "", port or 0, self.limits)
             self.bserver.set_policies(self._policies)
             await self.bserver.start()
         except BaseException:
@@ -169,18 +170,3 @@ class SkillServer(Server):
                     and endpoint.SecurityMode != ua.MessageSecurityMode.None_
                 ):
                     token.SecurityPolicyUri = endpoint.SecurityPolicyUri
-
-
-class _Protocol(OPCUAProtocol):
-    def connection_made(self, transport: Any) -> None:
-        super().connection_made(transport)
-        if self.processor is not None:
-            self.processor = Processor(self.iserver, self.transport, self.limits)
-            self.processor.set_policies(self.policies)
-
-
-class SkillBinaryServer(BinaryServer):
-    """Accepts connections."""
-
-    def _make_protocol(self) -> OPCUAProtocol:
-        return _Protocol(self.iserver, self._policies, self.clients, self.closing_tasks, self.limits)

@@ -1,8 +1,10 @@
 """Sessions that cannot be guessed, taken over or left behind, and that carry who is asking into every call."""
 
+import asyncio
 import logging
 import secrets
 import time
+from collections.abc import Callable, Iterable
 from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -15,7 +17,9 @@ from asyncua.ua.attribute_ids import AttributeIds
 from asyncua.ua.status_codes import StatusCodes as Codes
 
 from opcua_skill.stack.access import Caller, Identity, Peer, Role, SignedIn, calling_as
+from opcua_skill.stack.browsing import Browser
 from opcua_skill.stack.calls import Refused
+from opcua_skill.stack.reading import narrowed, size_of
 from opcua_skill.stack.values import node_id, status
 
 if TYPE_CHECKING:
@@ -53,6 +57,7 @@ class Session(InternalSession):
         self.processor: Processor | None = None
         self.channel: Channel | None = None
         self.caller = _SERVER_ITSELF
+        self._browser = Browser(aspace, self.iserver.limits)
         if external:
             self.channel = current_channel.get()
             self.iserver.unregister_external_session(self)
@@ -98,22 +103,66 @@ class Session(InternalSession):
         if self.external:
             await self.iserver.session_closed(self)
 
+    def operations(self, items: list[Any] | None, at_most: int | None = None) -> list[Any]:
+        """Return the operations of a request, or refuse one that has none or too many."""
+        if not items:
+            raise ServiceError(Codes.BadNothingToDo)
+        if len(items) > (at_most or self.iserver.limits.operations_per_request):
+            raise ServiceError(Codes.BadTooManyOperations)
+        return items
+
     async def read(self, params: ua.ReadParameters) -> list[ua.DataValue]:
         """Read attributes; what the user may do is told by the session's own role."""
-        results = await super().read(params)
-        if self.external:
-            for place, wanted in enumerate(params.NodesToRead):
-                if wanted.AttributeId == AttributeIds.UserExecutable and results[place].Value is not None:
-                    may = self.iserver.method_service.executable_by(wanted.NodeId, self.identity.role)
-                    results[place] = ua.DataValue(ua.Variant(may, ua.VariantType.Boolean))
-                elif wanted.AttributeId == AttributeIds.UserAccessLevel and results[place].Value is not None:
-                    results[place] = self.iserver.user_access_level(wanted.NodeId, self.identity.role, results[place])
+        if not self.external:
+            return await super().read(params)
+        nodes, results, size = self.operations(params.NodesToRead), [], 0
+        if params.MaxAge < 0:
+            raise ServiceError(Codes.BadMaxAgeInvalid)
+        for place, wanted in enumerate(nodes):
+            told = self.iserver.aspace.read_attribute_value(wanted.NodeId, wanted.AttributeId)
+            if told.Value is not None:
+                told = self._as_told_to_user(wanted, told)
+                size += size_of(told.Value.Value) if told.Value is not None else 0
+                if size > self.iserver.limits.largest_message:
+                    raise ServiceError(Codes.BadResponseTooLarge)
+            results.append(told)
+            if place % 200 == 199:
+                await asyncio.sleep(0)
         return results
+
+    def _as_told_to_user(self, wanted: ua.ReadValueId, told: ua.DataValue) -> ua.DataValue:
+        if wanted.AttributeId == AttributeIds.UserExecutable:
+            may = self.iserver.method_service.executable_by(wanted.NodeId, self.identity.role)
+            return ua.DataValue(ua.Variant(may, ua.VariantType.Boolean))
+        if wanted.AttributeId == AttributeIds.UserAccessLevel:
+            return self.iserver.user_access_level(wanted.NodeId, self.identity.role, told)
+        if wanted.IndexRange or (wanted.DataEncoding is not None and wanted.DataEncoding.Name):
+            return narrowed(told, wanted)
+        return told
+
+    async def browse(self, params: ua.BrowseParameters) -> list[ua.BrowseResult]:
+        """Browse, in pages for a client."""
+        if not self.external:
+            return await super().browse(params)
+        self.operations(params.NodesToBrowse, self.iserver.limits.browses_per_request)
+        return await self._browser.browse(params)
+
+    async def browse_next(self, parameters: ua.BrowseNextParameters) -> list[ua.BrowseResult]:
+        """Return the next page of what was browsed before."""
+        self.operations(parameters.ContinuationPoints, self.iserver.limits.browses_per_request)
+        return await self._browser.browse_next(parameters)
+
+    async def translate_browsepaths_to_nodeids(self, params: list[ua.BrowsePath]) -> list[ua.BrowsePathResult]:
+        """Follow paths of browse names."""
+        if not self.external:
+            return await super().translate_browsepaths_to_nodeids(params)
+        return await self._browser.translate(self.operations(params, self.iserver.limits.browses_per_request))
 
     async def write(self, params: ua.WriteParameters) -> list[ua.StatusCode]:
         """Write values: only where the node may be written at all, and by roles that may write it."""
         if not self.external:
             return await super().write(params)
+        self.operations(params.NodesToWrite)
         role, refused = self.identity.role, status(Codes.BadUserAccessDenied)
         may = [self.iserver.may_write(item.NodeId, role) for item in params.NodesToWrite]
         allowed = ua.WriteParameters()
@@ -124,6 +173,8 @@ class Session(InternalSession):
 
     async def _write_one(self, item: ua.WriteValue) -> ua.StatusCode:
         """Write one value; a variable that commands something is obeyed first, or refused with its own code."""
+        if item.IndexRange:
+            return status(Codes.BadWriteNotSupported)
         one = ua.WriteParameters()
         one.NodesToWrite = [item]
         obey = self.iserver.on_write.get(item.NodeId)
@@ -137,8 +188,121 @@ class Session(InternalSession):
 
     async def call(self, params: list[ua.CallMethodRequest]) -> list[ua.CallMethodResult]:
         """Call methods on behalf of this session's user."""
+        if self.external:
+            self.operations(params, self.iserver.limits.calls_per_request)
         with calling_as(self.caller):
             return await self.iserver.method_service.call(params)
+
+    def _own(self, subscription_id: int) -> None:
+        """Refuse a subscription that is not this session's."""
+        found = self.subscription_service.subscriptions.get(subscription_id)
+        if found is None or (self.external and found.session_id != self.session_id):
+            raise ServiceError(Codes.BadSubscriptionIdInvalid)
+
+    async def create_subscription(
+        self, params: Any, callback: Callable[..., Any], request_callback: Callable[..., Any] | None = None
+    ) -> ua.CreateSubscriptionResult:
+        """Make a subscription of this session, within the limits."""
+        if self.external:
+            self.iserver.subscription_service.admit(self.session_id)
+            self.iserver.subscription_service.revise(params)
+        return await super().create_subscription(params, callback, request_callback)
+
+    def modify_subscription(self, params: ua.ModifySubscriptionParameters) -> ua.ModifySubscriptionResult:
+        """Change how often an own subscription publishes."""
+        self._own(params.SubscriptionId)
+        return super().modify_subscription(params)
+
+    async def delete_subscriptions(self, ids: list[int]) -> list[ua.StatusCode]:
+        """Delete own subscriptions."""
+        if not self.external:
+            return await super().delete_subscriptions(ids)
+        if not ids:
+            return []
+        found = self.subscription_service.subscriptions
+        own = [i for i in ids if i in found and found[i].session_id == self.session_id]
+        done = dict(zip(own, await super().delete_subscriptions(own), strict=True))
+        return [done.get(i, status(Codes.BadSubscriptionIdInvalid)) for i in ids]
+
+    async def set_publishing_mode(self, params: ua.SetPublishingModeParameters) -> list[ua.StatusCode]:
+        """Switch own subscriptions on or off."""
+        for subscription_id in self.operations(params.SubscriptionIds):
+            self._own(subscription_id)
+        return await super().set_publishing_mode(params)
+
+    async def transfer_subscriptions(  # pyright: ignore[reportIncompatibleMethodOverride]
+        self,
+        params: ua.TransferSubscriptionsParameters,
+        callback: Callable[..., Any],
+        request_callback: Callable[..., Any] | None = None,
+    ) -> list[ua.TransferResult]:
+        """Take over subscriptions of another session of the same user on the same client."""
+        results = []
+        for subscription_id in self.operations(params.SubscriptionIds):
+            result = ua.TransferResult()
+            code = self.iserver.may_transfer(subscription_id, self)
+            if not code:
+                subscription = self.subscription_service.subscriptions[subscription_id]
+                subscription.session_id = self.session_id
+                subscription.pub_result_callback = callback
+                subscription.pub_request_callback = request_callback
+                result.AvailableSequenceNumbers = sorted(subscription._not_acknowledged_results)
+            result.StatusCode = status(code)
+            results.append(result)
+        return results
+
+    async def create_monitored_items(self, params: Any) -> list[ua.MonitoredItemCreateResult]:
+        """Monitor nodes in an own subscription, within the limits."""
+        if self.external:
+            self._own(params.SubscriptionId)
+            self.operations(params.ItemsToCreate, self.iserver.limits.items_per_subscription)
+            self.iserver.subscription_service.admit_items(params.SubscriptionId, len(params.ItemsToCreate))
+        return await super().create_monitored_items(params)
+
+    async def modify_monitored_items(self, params: Any) -> list[ua.MonitoredItemModifyResult]:
+        """Change monitored items of an own subscription."""
+        self._own(params.SubscriptionId)
+        if self.external:
+            self.operations(params.ItemsToModify)
+        return await super().modify_monitored_items(params)
+
+    async def delete_monitored_items(self, params: Any) -> list[ua.StatusCode]:
+        """Delete monitored items of an own subscription."""
+        self._own(params.SubscriptionId)
+        if self.external:
+            self.operations(params.MonitoredItemIds)
+        return await super().delete_monitored_items(params)
+
+    async def set_monitoring_mode(self, params: Any) -> list[ua.StatusCode]:
+        """Switch monitored items of an own subscription."""
+        self._own(params.SubscriptionId)
+        if self.external:
+            self.operations(params.MonitoredItemIds)
+        return await super().set_monitoring_mode(params)
+
+    def republish(self, params: ua.RepublishParameters) -> ua.NotificationMessage:
+        """Return a message of an own subscription that was not acknowledged yet."""
+        self._own(params.SubscriptionId)
+        kept = self.subscription_service.subscriptions[params.SubscriptionId]._not_acknowledged_results
+        if params.RetransmitSequenceNumber not in kept:
+            raise ServiceError(Codes.BadMessageNotAvailable)
+        return kept[params.RetransmitSequenceNumber].NotificationMessage
+
+    def publish(self, acks: Iterable[ua.SubscriptionAcknowledgement] | None = None) -> tuple[int, list[ua.StatusCode]]:
+        """Acknowledge messages of own subscriptions; return how many subscriptions there are and the results."""
+        own = {i: s for i, s in self.subscription_service.subscriptions.items() if s.session_id == self.session_id}
+        if not own:
+            raise ServiceError(Codes.BadNoSubscription)
+        results = []
+        for ack in acks or ():
+            subscription = own.get(ack.SubscriptionId)
+            if subscription is None:
+                results.append(status(Codes.BadSubscriptionIdInvalid))
+            elif subscription._not_acknowledged_results.pop(ack.SequenceNumber, None) is None:
+                results.append(status(Codes.BadSequenceNumberUnknown))
+            else:
+                results.append(status())
+        return len(own), results
 
     def idle_for(self) -> float:
         """Return the seconds since the last request."""

@@ -1,6 +1,10 @@
-"""Subscriptions and their monitored items; event filters that know type hierarchies."""
+"""Subscriptions: owned, bounded, and with one encoding of a value for everybody who monitors it."""
 
+import asyncio
 import logging
+import math
+import struct
+import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
@@ -8,70 +12,141 @@ from asyncua import ua
 from asyncua.common.utils import ServiceError
 from asyncua.server.address_space import AddressSpace
 from asyncua.server.internal_subscription import InternalSubscription
-from asyncua.server.monitored_item_service import MonitoredItemService, WhereClauseEvaluator
+from asyncua.server.monitored_item_service import MonitoredItemData
 from asyncua.server.subscription_service import SubscriptionService
+from asyncua.ua.object_ids import ObjectIds as Ids
 from asyncua.ua.status_codes import StatusCodes as Codes
+from asyncua.ua.ua_binary import struct_to_binary
 
-from opcua_skill.stack.types import is_subtype
-from opcua_skill.stack.values import status
+from opcua_skill.stack.items import Items
+from opcua_skill.stack.values import node_id
 
 if TYPE_CHECKING:
     from opcua_skill.stack.internal import SkillInternalServer
 
 log = logging.getLogger(__name__)
+KEPT_BYTES = 4 * 1024 * 1024
+_UINT32 = struct.Struct("<I")
+_DATA_CHANGE = node_id(Ids.DataChangeNotification_Encoding_DefaultBinary)
+_NO_DIAGNOSTICS = b"\xff\xff\xff\xff"
 
 
-class EventFilter(WhereClauseEvaluator):
-    """A where-clause whose OfType also holds for subtypes, and whose faults say no without a traceback."""
+class Encodings:
+    """The encodings of the values that are on their way now: the same DataValue is encoded once for all."""
 
-    def eval(self, event: Any) -> bool:
-        """Return whether the event passes; an event that lacks a field the clause asks for does not."""
-        if not self.elements:
-            return True
-        try:
-            return bool(self._eval_el(0, event))
-        except (AttributeError, LookupError, TypeError, ValueError, NotImplementedError, RecursionError) as error:
-            log.info("an event filter does not fit an event: %s", type(error).__name__)
-            return False
+    def __init__(self) -> None:
+        self._kept: dict[int, tuple[ua.DataValue, bytes]] = {}
+        self._bytes = 0
 
-    def _eval_el(self, index: int, event: Any) -> Any:
-        element = self.elements[index]
-        if element.FilterOperator == ua.FilterOperator.OfType:
-            wanted = self._eval_op(element.FilterOperands[0], event)
-            return isinstance(wanted, ua.NodeId) and is_subtype(self._aspace, event.EventType, wanted)
-        return super()._eval_el(index, event)
-
-
-class Items(MonitoredItemService):
-    """The monitored items of one subscription."""
-
-    def _create_events_monitored_item(self, params: ua.MonitoredItemCreateRequest) -> ua.MonitoredItemCreateResult:
-        if not isinstance(params.RequestedParameters.Filter, ua.EventFilter):
-            result = ua.MonitoredItemCreateResult()
-            result.StatusCode = status(Codes.BadMonitoredItemFilterInvalid)
-            return result
-        result = super()._create_events_monitored_item(params)
-        item = self._monitored_items.get(result.MonitoredItemId)
-        if item is not None:
-            item.where_clause_evaluator = EventFilter(self.logger, self.aspace, item.filter.WhereClause)
-        return result
+    def of(self, value: ua.DataValue) -> bytes:
+        """Return the encoding of a value."""
+        found = self._kept.get(id(value))
+        if found is not None and found[0] is value:
+            return found[1]
+        encoded = struct_to_binary(value)
+        self._bytes += len(encoded) + 200
+        if self._bytes > KEPT_BYTES:
+            self._kept.clear()
+            self._bytes = len(encoded)
+        self._kept[id(value)] = (value, encoded)
+        return encoded
 
 
 class Subscription(InternalSubscription):
     """One subscription."""
 
-    def __init__(self, data: Any, aspace: AddressSpace, *arguments: Any, **options: Any) -> None:
-        super().__init__(data, aspace, *arguments, **options)
-        self.monitored_item_srv = Items(self, aspace)
+    monitored_item_srv: Items  # pyright: ignore[reportIncompatibleVariableOverride]
+    pub_request_callback: Any
+
+    def __init__(
+        self, service: "Subscriptions", data: Any, callback: Any, session_id: ua.NodeId, **options: Any
+    ) -> None:
+        super().__init__(data, service.aspace, callback, session_id, **options)
+        self._encodings = service.encodings
+        self.monitored_item_srv = Items(self, service.aspace, service.iserver.limits)
+
+    def queue_value(self, mid: int, item: MonitoredItemData, value: ua.DataValue) -> None:
+        """Queue a changed value; the oldest goes when the item's queue is full."""
+        notification = ua.MonitoredItemNotification(ClientHandle=item.client_handle, Value=value)  # pyright: ignore[reportArgumentType]
+        queue = self._triggered_datachanges.setdefault(mid, [])
+        if item.queue_size and len(queue) >= item.queue_size:
+            del queue[0]
+        queue.append(notification)
+
+    def forget_item(self, mid: int) -> None:
+        """Drop what was queued for an item that is deleted."""
+        self._triggered_datachanges.pop(mid, None)
+        self._triggered_events.pop(mid, None)
+
+    def _pop_triggered_datachanges(self, result: ua.PublishResult) -> None:
+        if self.pub_request_callback is None:  # the server's own subscription wants objects, not bytes
+            super()._pop_triggered_datachanges(result)
+            return
+        if not self._triggered_datachanges:
+            return
+        encoding, parts = self._encodings.of, []
+        for queue in self._triggered_datachanges.values():
+            for notification in queue:
+                parts += (_UINT32.pack(notification.ClientHandle), encoding(notification.Value))
+        body = b"".join((_UINT32.pack(len(parts) // 2), *parts, _NO_DIAGNOSTICS))
+        self._triggered_datachanges = {}
+        result.NotificationMessage.NotificationData.append(ua.ExtensionObject(TypeId=_DATA_CHANGE, Body=body))  # pyright: ignore[reportArgumentType]
+
+    async def _subscription_loop(self) -> None:
+        """Publish at the interval, which the client may change meanwhile."""
+        due = time.monotonic()
+        await self.publish_results()
+        while not self._closing:
+            due = max(due + self.data.RevisedPublishingInterval / 1000, time.monotonic())
+            await asyncio.sleep(due - time.monotonic())
+            await self.publish_results()
 
 
 class Subscriptions(SubscriptionService):
     """All subscriptions of the server."""
 
     iserver: "SkillInternalServer"  # pyright: ignore[reportIncompatibleVariableOverride]
+    subscriptions: dict[int, Subscription]  # pyright: ignore[reportIncompatibleVariableOverride]
 
     def __init__(self, aspace: AddressSpace, iserver: "SkillInternalServer") -> None:
         super().__init__(aspace, iserver)
+        self.encodings = Encodings()
+
+    def admit(self, session_id: ua.NodeId) -> None:
+        """Refuse one more subscription when a session, or the server, has as many as it may."""
+        limits = self.iserver.limits
+        own = sum(1 for subscription in self.subscriptions.values() if subscription.session_id == session_id)
+        if own >= limits.subscriptions_per_session or len(self.subscriptions) >= limits.subscriptions:
+            raise ServiceError(Codes.BadTooManySubscriptions)
+
+    def admit_items(self, subscription_id: int, count: int) -> None:
+        """Refuse more items than a subscription, or the server, may have."""
+        limits = self.iserver.limits
+        here = len(self.subscriptions[subscription_id].monitored_item_srv) + count
+        if here > limits.items_per_subscription:
+            raise ServiceError(Codes.BadTooManyMonitoredItems)
+        if count + sum(len(s.monitored_item_srv) for s in self.subscriptions.values()) > limits.items:
+            raise ServiceError(Codes.BadTooManyMonitoredItems)
+
+    def revise(self, params: Any) -> None:
+        """Bring the wishes of a client into bounds: interval, keep-alive, lifetime."""
+        shortest, longest = self.iserver.limits.publishing_interval_ms
+        wanted = params.RequestedPublishingInterval
+        interval = min(max(wanted, shortest), longest) if math.isfinite(wanted) else shortest
+        most = max(3, int(self.iserver.limits.subscription_lifetime * 1000 / interval))
+        alive = min(max(params.RequestedMaxKeepAliveCount or 10, 1), max(1, most // 3))
+        params.RequestedPublishingInterval = interval
+        params.RequestedMaxKeepAliveCount = alive
+        params.RequestedLifetimeCount = min(max(params.RequestedLifetimeCount or most, 3 * alive), most)
+
+    def modify_subscription(self, params: ua.ModifySubscriptionParameters) -> ua.ModifySubscriptionResult:
+        """Change interval, keep-alive and lifetime of a subscription."""
+        self.revise(params)
+        data, result = self.subscriptions[params.SubscriptionId].data, ua.ModifySubscriptionResult()
+        data.RevisedPublishingInterval = result.RevisedPublishingInterval = params.RequestedPublishingInterval
+        data.RevisedLifetimeCount = result.RevisedLifetimeCount = params.RequestedLifetimeCount
+        data.RevisedMaxKeepAliveCount = result.RevisedMaxKeepAliveCount = params.RequestedMaxKeepAliveCount
+        return result
 
     def rebind(self, session_id: ua.NodeId, callback: Callable[..., Any], request_callback: Callable[..., Any]) -> None:
         """Let the subscriptions of a session answer on another connection from now on."""
@@ -88,23 +163,22 @@ class Subscriptions(SubscriptionService):
         request_callback: Callable[..., Any] | None = None,
     ) -> ua.CreateSubscriptionResult:
         """Make a subscription that belongs to a session."""
-        if len(self.subscriptions) >= self.iserver.max_subscriptions:
-            raise ServiceError(Codes.BadTooManySubscriptions)
         result = ua.CreateSubscriptionResult()
         result.RevisedPublishingInterval = params.RequestedPublishingInterval
-        result.RevisedLifetimeCount = self._clamp_lifetime_count(params.RequestedLifetimeCount)
-        result.RevisedMaxKeepAliveCount = self._clamp_keep_alive_count(params.RequestedMaxKeepAliveCount)
+        result.RevisedLifetimeCount = params.RequestedLifetimeCount
+        result.RevisedMaxKeepAliveCount = params.RequestedMaxKeepAliveCount
         self._sub_id_counter += 1
-        result.SubscriptionId = self._sub_id_counter
+        result.SubscriptionId = self._sub_id_counter  # pyright: ignore[reportAttributeAccessIssue]
+        limits = self.iserver.limits
         subscription = Subscription(
+            self,
             result,
-            self.aspace,
             callback,
             session_id,
             request_callback=request_callback,
             delete_callback=lambda: self.subscriptions.pop(result.SubscriptionId, None),
-            no_acks_limit=self.iserver.max_unacked_messages_per_subscription,
-            max_queue_size=self.iserver.max_monitored_item_queue_size,
+            no_acks_limit=limits.unacknowledged_messages,
+            max_queue_size=limits.queue_of_item,
             publishing_enabled=params.PublishingEnabled,
         )
         await subscription.start()

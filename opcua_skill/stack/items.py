@@ -1,0 +1,187 @@
+"""The monitored items of one subscription: checked filters, bounded queues, and values that are not copied for each."""
+
+import asyncio
+import logging
+from collections.abc import Awaitable, Generator
+from typing import TYPE_CHECKING, Any
+
+from asyncua import ua
+from asyncua.server.address_space import AddressSpace
+from asyncua.server.monitored_item_service import MonitoredItemData, MonitoredItemService
+from asyncua.ua.attribute_ids import AttributeIds
+from asyncua.ua.status_codes import StatusCodes as Codes
+
+from opcua_skill.stack.filters import EventFilter, data_filter_fault, event_filter_fault
+from opcua_skill.stack.limits import Limits
+from opcua_skill.stack.values import status
+
+if TYPE_CHECKING:
+    from opcua_skill.stack.subscriptions import Subscription
+
+log = logging.getLogger(__name__)
+ITEMS_BETWEEN_TURNS = 100
+
+
+class _Done:
+    """An awaitable that has nothing left to do: the address space awaits what the callback returns, or drops it."""
+
+    def __await__(self) -> Generator[Any, Any, None]:
+        return
+        yield
+
+
+_DONE = _Done()
+
+
+class Items(MonitoredItemService):
+    """The monitored items of one subscription."""
+
+    isub: "Subscription"  # pyright: ignore[reportIncompatibleVariableOverride]
+
+    def __init__(self, subscription: "Subscription", aspace: AddressSpace, limits: Limits) -> None:
+        super().__init__(subscription, aspace)
+        self._limits = limits
+        self._handle_of: dict[int, int] = {}
+
+    def __len__(self) -> int:
+        return len(self._monitored_items)
+
+    def __bool__(self) -> bool:
+        return True
+
+    async def create_monitored_items(self, params: Any) -> list[ua.MonitoredItemCreateResult]:
+        """Add items; each has a result of its own."""
+        results = []
+        for place, item in enumerate(params.ItemsToCreate):
+            if code := self._fault(item):
+                refused = ua.MonitoredItemCreateResult()
+                refused.StatusCode = status(code)
+                results.append(refused)
+            elif item.ItemToMonitor.AttributeId == AttributeIds.EventNotifier:
+                results.append(self._create_events_monitored_item(item))
+            else:
+                results.append(await self._create_data_change_monitored_item(item))
+            if place % ITEMS_BETWEEN_TURNS == ITEMS_BETWEEN_TURNS - 1:
+                await asyncio.sleep(0)
+        return results
+
+    def _fault(self, item: Any) -> int:
+        if item.ItemToMonitor.IndexRange:
+            return Codes.BadIndexRangeInvalid
+        if item.ItemToMonitor.AttributeId == AttributeIds.EventNotifier:
+            if item.ItemToMonitor.NodeId not in self.aspace:
+                return Codes.BadNodeIdUnknown
+            return event_filter_fault(item.RequestedParameters.Filter, self._limits)
+        return data_filter_fault(item.RequestedParameters.Filter)
+
+    def _create_events_monitored_item(self, params: ua.MonitoredItemCreateRequest) -> ua.MonitoredItemCreateResult:
+        result = super()._create_events_monitored_item(params)
+        item = self._monitored_items.get(result.MonitoredItemId)
+        if item is not None:
+            item.where_clause_evaluator = EventFilter(self.logger, self.aspace, item.filter.WhereClause)
+        return result
+
+    async def _create_data_change_monitored_item(self, params: Any) -> ua.MonitoredItemCreateResult:
+        if not isinstance(params.RequestedParameters.Filter, ua.DataChangeFilter):
+            params.RequestedParameters.Filter = None
+        if not params.RequestedParameters.QueueSize:
+            params.RequestedParameters.QueueSize = 1
+        result = await super()._create_data_change_monitored_item(params)
+        item = self._monitored_items.get(result.MonitoredItemId)
+        if item is not None and item.callback_handle is not None:
+            self._handle_of[result.MonitoredItemId] = item.callback_handle
+        return result
+
+    def _modify_monitored_item(self, params: ua.MonitoredItemModifyRequest) -> ua.MonitoredItemModifyResult:
+        result, wanted = ua.MonitoredItemModifyResult(), params.RequestedParameters
+        item = self._monitored_items.get(params.MonitoredItemId)
+        if item is None:
+            result.StatusCode = status(Codes.BadMonitoredItemIdInvalid)
+            return result
+        for_events = item.where_clause_evaluator is not None
+        if for_events and isinstance(wanted.Filter, ua.EventFilter):
+            code = event_filter_fault(wanted.Filter, self._limits)
+        else:
+            code = data_filter_fault(wanted.Filter)
+        if code:
+            result.StatusCode = status(code)
+            return result
+        if isinstance(wanted.Filter, ua.EventFilter if for_events else ua.DataChangeFilter):
+            item.filter = wanted.Filter
+            if for_events:
+                item.where_clause_evaluator = EventFilter(self.logger, self.aspace, item.filter.WhereClause)
+        item.queue_size = self._revise_queue_size(wanted.QueueSize or (0 if for_events else 1))
+        item.client_handle = wanted.ClientHandle
+        result.RevisedQueueSize = item.queue_size  # pyright: ignore[reportAttributeAccessIssue]
+        result.RevisedSamplingInterval = self.isub.data.RevisedPublishingInterval
+        return result
+
+    def _delete_monitored_items(self, mid: int) -> ua.StatusCode:
+        item = self._monitored_items.pop(mid, None)
+        if item is None:
+            return status(Codes.BadMonitoredItemIdInvalid)
+        handle = self._handle_of.pop(mid, None)
+        if handle is not None:
+            self._monitored_datachange.pop(handle, None)
+            self._forget(handle)
+        elif item.read_value_id is not None and item.read_value_id.NodeId in self._monitored_events:
+            listening = self._monitored_events[item.read_value_id.NodeId]
+            listening.remove(mid)
+            if not listening:
+                del self._monitored_events[item.read_value_id.NodeId]
+        self.isub.forget_item(mid)
+        return status()
+
+    def _forget(self, handle: int) -> None:
+        """Stop hearing of a value; its node may be gone already."""
+        place = self.aspace._handle_to_attribute_map.pop(handle, None)
+        node = self.aspace.get(place[0]) if place is not None else None
+        if place is not None and node is not None and place[1] in node.attributes:
+            node.attributes[place[1]].datachange_callbacks.pop(handle, None)
+
+    def delete_all_monitored_items(self) -> None:
+        """Delete every item."""
+        for mid in list(self._monitored_items):
+            self._delete_monitored_items(mid)
+
+    def datachange_callback(  # pyright: ignore[reportIncompatibleMethodOverride]
+        self, handle: int, value: ua.DataValue | None, error: ua.StatusCode | None = None
+    ) -> Awaitable[None]:
+        """Queue a value that has changed, or that its node is gone.
+
+        The value is shared by all who monitor it: a DataValue is replaced by a write, never changed by one.
+        """
+        mid = self._monitored_datachange.get(handle)
+        item = self._monitored_items.get(mid) if mid is not None else None
+        if mid is None or item is None or item.mode == ua.MonitoringMode.Disabled:
+            return _DONE
+        if error is not None or value is None:
+            value = ua.DataValue(StatusCode=error or status(Codes.BadNodeIdUnknown))
+        values = item.mvalue
+        values.old_dvalue, values.current_dvalue = values.current_dvalue, value
+        if self._passes(item):
+            self.isub.queue_value(mid, item, value)
+        return _DONE
+
+    def _passes(self, item: MonitoredItemData) -> bool:
+        wanted = item.filter
+        if wanted is None:
+            return self._is_data_changed(item.mvalue, ua.DataChangeTrigger.StatusValue)
+        return self._is_data_changed(item.mvalue, wanted.Trigger) and self._is_deadband_exceeded(item.mvalue, wanted)
+
+    def _is_deadband_exceeded(self, values: Any, flt: Any) -> bool:
+        try:
+            return super()._is_deadband_exceeded(values, flt)
+        except TypeError:  # a deadband on a value that is not a number
+            return True
+
+    async def _trigger_event(self, event: Any, mid: int) -> None:
+        item = self._monitored_items.get(mid)
+        if item is None or item.where_clause_evaluator is None or item.mode == ua.MonitoringMode.Disabled:
+            return
+        if not item.where_clause_evaluator.eval(event):
+            return
+        fields = ua.EventFieldList()
+        fields.ClientHandle = item.client_handle  # pyright: ignore[reportAttributeAccessIssue]
+        fields.EventFields = event.to_event_fields(item.filter.SelectClauses)
+        await self.isub.enqueue_event(mid, fields, item.queue_size)
