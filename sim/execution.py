@@ -178,6 +178,10 @@ class Recorder:
         self._commanded.append(commanded)
         self._measured.append(measured)
 
+    def measured(self) -> Floats:
+        """Return the joints (dof,) measured last."""
+        return self._measured[-1]
+
     def last(self, count: int) -> tuple[Floats, Floats, Floats]:
         """Return plan times (k,), commanded and measured nozzle tips (k, 3) of the last ``count`` rows."""
         forward = kinematics(self._model).forward

@@ -34,17 +34,16 @@ class ToolPath:
         self.rotation = Rotation.from_quat(frame[3:]).as_matrix()
         self.origin = np.array(frame[:3])
         self.standoff = standoff
-        phases, lengths = self._by_length(self.exact)
+        phases, lengths = self._by_length()
         self._plain = _inverse_of(phases, lengths)
-        self._plain_lengths = PchipInterpolator(phases, lengths)
         self._blend = min(blend_radius, 0.5 * float(lengths[-1]))
-        self._twice = None
         if self._blend > 0.0:
+            self._plain_length = float(lengths[-1])
             self._twice = self._integrated_twice(lengths)
-            phases, lengths = self._by_length(self._blended)
+            along, lengths = lengths, _arc_lengths(self._blended(lengths))
+            self._along = _inverse_of(along, lengths)
         self.phases, self.lengths = phases, lengths
         self.length = float(lengths[-1])
-        self._phase_of = _inverse_of(phases, lengths)
         ends = self._on_curve(np.array([0.0, min(FINEST, self.length), max(0.0, self.length - FINEST), self.length]))
         self._start, self._end = ends[0], ends[3]
         self._start_tangent = _unit(ends[1] - ends[0])
@@ -60,7 +59,8 @@ class ToolPath:
 
     def phases_at(self, lengths: Floats) -> Floats:
         """Return the phase (n,) in 0..1 at each arc length; clipped to the path's ends."""
-        phases = np.clip(self._phase_of(np.clip(lengths, 0.0, self.length)), 0.0, 1.0)
+        inside = np.clip(lengths, 0.0, self.length)
+        phases = np.clip(self._plain(self._along(inside) if self._blend > 0.0 else inside), 0.0, 1.0)
         return np.where(lengths >= self.length, 1.0, np.where(lengths <= 0.0, 0.0, phases))
 
     def points(self, lengths: Floats) -> Floats:
@@ -82,20 +82,16 @@ class ToolPath:
         return np.stack(columns, axis=1) + self.origin
 
     def _on_curve(self, lengths: Floats) -> Floats:
-        phases = self.phases_at(lengths)
-        return self._blended(phases) if self._blend > 0.0 else self.exact(phases)
+        return self._blended(self._along(lengths)) if self._blend > 0.0 else self.exact(self.phases_at(lengths))
 
-    def _blended(self, phases: Floats) -> Floats:
-        """Return the weighted mean of the learned path over the arc around each phase."""
-        assert self._twice is not None
-        at = self._plain_lengths(phases)
+    def _blended(self, along: Floats) -> Floats:
+        """Return the weighted mean of the learned path around each of its own arc lengths (n,)."""
         wide, narrow = WIDE * self._blend, (1.0 - WIDE) * self._blend
         corners = ((1, wide + narrow), (-1, wide - narrow), (-1, narrow - wide), (1, -wide - narrow))
-        total = sum(sign * self._twice(at + offset) for sign, offset in corners)
-        points = np.asarray(total) / (4.0 * wide * narrow)
-        ends = (phases <= 0.0) | (phases >= 1.0)
-        if ends.any():
-            points[ends] = self.exact(phases[ends])
+        points = sum((sign * self._twice(along + offset) for sign, offset in corners), np.zeros(3))
+        points = points / (4.0 * wide * narrow)
+        for end, phase in ((along <= 0.0, 0.0), (along >= self._plain_length, 1.0)):
+            points[end] = self.exact(np.array([phase]))
         return points
 
     def _integrated_twice(self, lengths: Floats) -> Any:
@@ -110,15 +106,15 @@ class ToolPath:
             2
         )
 
-    def _by_length(self, curve: Callable[[Floats], Floats]) -> tuple[Floats, Floats]:
-        """Return phases (g,) evenly spaced along a curve and the arc length (g,) at each, strictly rising from 0."""
+    def _by_length(self) -> tuple[Floats, Floats]:
+        """Return phases (g,) evenly spaced along the learned path and the arc length (g,) at each, strictly rising."""
         phases = np.linspace(0.0, 1.0, 4 * FEWEST + 1)
-        lengths = _arc_lengths(curve(phases))
+        lengths = _arc_lengths(self.exact(phases))
         count = int(np.clip(lengths[-1] / FINEST, FEWEST, MOST)) + 1
         moving = np.concatenate([[True], np.diff(lengths) > STILL])
         phases = np.interp(np.linspace(0.0, lengths[-1], count), lengths[moving], phases[moving])
         phases[0], phases[-1] = 0.0, 1.0
-        lengths = _arc_lengths(curve(phases))
+        lengths = _arc_lengths(self.exact(phases))
         moving = np.concatenate([[True], np.diff(lengths) > STILL])
         phases, lengths = phases[moving], lengths[moving]
         phases[-1] = 1.0
