@@ -10,11 +10,15 @@ from models.errors import UnusableDemonstration
 
 DESPIKE_WINDOW = 0.15
 BRISK = 0.9
+JUMP = 8.0
+JUMP_REACH = 0.015
+LOOK_BACK = 50
 FILTER_REACH = 0.02
 DESPIKE_PASSES = 4
 DESPIKE_FLOOR = 0.5e-3
 DEVIATION_FROM_MAD = 1.4826
 LONGEST_BRIDGE = 0.3
+WIDEST_BRIDGE = 0.05
 SHORTEST_MOTION = 1e-3
 FINEST_STEP = 5e-3
 
@@ -92,11 +96,7 @@ def clean(demonstration: Demonstration, struck: frozenset[int], filter_window: f
     if demonstration.orientations is not None:
         orientations = _resampled(times[kept], continuous(demonstration.orientations[kept]), grid)
         orientations /= np.sqrt((orientations * orientations).sum(axis=1, keepdims=True))
-    spans = np.diff(times[kept])
-    long = np.flatnonzero(spans > np.maximum(LONGEST_BRIDGE, 8 * np.median(spans)))
-    known = np.ones(count, dtype=bool)
-    for gap in long:
-        known &= (grid <= times[kept[gap]]) | (grid >= times[kept[gap + 1]])
+    known, gap = _without_gaps(times[kept], points[kept], grid)
     return CleanMotion(
         demonstration.demonstration_id,
         grid,
@@ -106,17 +106,17 @@ def clean(demonstration: Demonstration, struck: frozenset[int], filter_window: f
         orientations,
         usable,
         int(spikes.sum()),
-        float(spans[long].max()) if len(long) else 0.0,
+        gap,
     )
 
 
 def reflections(times: Floats, points: Floats) -> Bools:
-    """Return which samples (n,) stand off the median of their neighbours: Hampel's test, over all axes together.
+    """Return which samples (n,) are no positions of the hand: off its track, or off the median of their neighbours.
 
-    A sample is one if it is further from the running median (0.15 s) than three deviations (from the running median of
-    those distances) and than 0.5 mm.
+    Hampel's test, over all axes together: a sample is a reflection if it is further from the running median (0.15 s) than
+    three deviations (from the running median of those distances), than 0.5 mm and than a brisk hand comes in that time.
     """
-    found = np.zeros(len(points), dtype=bool)
+    found = _off_the_track(times, points)
     for _ in range(DESPIKE_PASSES):
         kept = np.flatnonzero(~found)
         if len(kept) < 8:
@@ -125,6 +125,38 @@ def reflections(times: Floats, points: Floats) -> Bools:
         if not off.any():
             break
         found[kept[off]] = True
+    return found
+
+
+def _off_the_track(times: Floats, points: Floats) -> Bools:
+    """Return which samples (n,) no hand could have reached: all but the longest chain of stretches without a jump.
+
+    A jump is a step eight times faster than a brisk one of this recording, and 1.5 % of the drawing more.
+    """
+    spans = np.diff(times)
+    speeds = np.sqrt((np.diff(points, axis=0) ** 2).sum(axis=1)) / spans
+    fastest = JUMP * float(np.quantile(speeds, BRISK))
+    extent = np.quantile(points, 0.95, axis=0) - np.quantile(points, 0.05, axis=0)
+    slack = JUMP_REACH * float(np.sqrt((extent * extent).sum()))
+    starts = np.concatenate([[0], np.flatnonzero(speeds * spans > fastest * spans + slack) + 1])
+    ends = np.append(starts[1:], len(points)) - 1
+    if len(starts) == 1:
+        return np.zeros(len(points), dtype=bool)
+    chain = (ends - starts + 1).astype(np.float64)
+    before = np.full(len(starts), -1)
+    for segment in range(1, len(starts)):
+        earlier = np.arange(max(0, segment - LOOK_BACK), segment)
+        away = np.sqrt(((points[ends[earlier]] - points[starts[segment]]) ** 2).sum(axis=1))
+        near = earlier[away <= fastest * (times[starts[segment]] - times[ends[earlier]]) + slack]
+        if len(near):
+            best = near[chain[near].argmax()]
+            chain[segment] += chain[best]
+            before[segment] = best
+    found = np.ones(len(points), dtype=bool)
+    segment = int(chain.argmax())
+    while segment >= 0:
+        found[starts[segment] : ends[segment] + 1] = False
+        segment = int(before[segment])
     return found
 
 
@@ -157,6 +189,22 @@ def continuous(quaternions: Floats) -> Floats:
     turns = (unit[1:] * unit[:-1]).sum(axis=1) < 0
     signs = np.concatenate([[1.0], np.where(np.cumsum(turns) % 2 == 1, -1.0, 1.0)])
     return unit * signs[:, None]
+
+
+def _without_gaps(times: Floats, points: Floats, grid: Floats) -> tuple[Bools, float]:
+    """Return where on the grid (n,) the motion is known, and the longest gap in s that is not bridged.
+
+    A gap is bridged if it is short, or if the hand hardly moved meanwhile: pens send nothing while they rest.
+    """
+    spans = np.diff(times)
+    moved = np.sqrt((np.diff(points, axis=0) ** 2).sum(axis=1))
+    reach = np.ptp(points, axis=0)
+    size = float(np.sqrt((reach * reach).sum()))
+    wide = (spans > max(LONGEST_BRIDGE, 8.0 * float(np.median(spans)))) & (moved > WIDEST_BRIDGE * size)
+    known = np.ones(len(grid), dtype=bool)
+    for gap in np.flatnonzero(wide):
+        known &= (grid <= times[gap]) | (grid >= times[gap + 1])
+    return known, float(spans[wide].max()) if wide.any() else 0.0
 
 
 def _crossing_time(times: Floats, points: Floats) -> float:

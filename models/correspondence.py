@@ -1,15 +1,18 @@
-"""Demonstrations laid upon each other: what both pipelines hand to the clock and the mixture."""
+"""Demonstrations laid upon each other: what both pipelines hand to the clock and the mixture, and what comes of it."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from models.alignment import warp, warp_fast
 from models.cleaning import CleanMotion
 from models.demonstration import Floats
+from models.mixture import Mixture
+from models.motion import Clock
 from models.phase import at
+from models.regression import CovarianceRule
 
-MOST_SAMPLES = 2000
+Progress = Callable[[float, str], None]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -17,35 +20,65 @@ class Correspondence:
     """u motions at the same n instants of the task; NaN where a motion has nothing to say.
 
     ``points`` (u, n, d) in m; ``times`` (u, n): each motion's own time in s; ``triggers`` (u, n), 0..1;
-    ``orientations`` (u, n, 4) or None.
+    ``orientations`` (u, n, 4) or None; ``weights`` (u, n), 0..1.
     """
 
     points: Floats
     times: Floats
     triggers: Floats
     orientations: Floats | None
+    weights: Floats
+
+    def at_instants(self, where: Floats) -> "Correspondence":
+        """Return the same motions at fractional instants (k,) of these n."""
+        low = np.clip(where.astype(np.int64), 0, self.times.shape[1] - 2)
+        share = where - low
+
+        def moved(values: Floats) -> Floats:
+            portion = share.reshape((1, -1) + (1,) * (values.ndim - 2))
+            between = (1.0 - portion) * values[:, low] + portion * values[:, low + 1]
+            return np.where(portion == 0, values[:, low], np.where(portion == 1, values[:, low + 1], between))
+
+        turned = None if self.orientations is None else moved(self.orientations)
+        return Correspondence(moved(self.points), moved(self.times), moved(self.triggers), turned, moved(self.weights))
 
 
-def to_longest(motions: list[CleanMotion], method: str, radius: int) -> tuple[Correspondence, Floats]:
-    """Return motions warped to the one with most samples, sample for sample of it, and its times (n,): as the paper does."""
-    reference = motions[int(np.argmax([len(motion.times) for motion in motions]))]
-    stride = -(-len(reference.times) // MOST_SAMPLES) if method == "dtw" else 1
-    places = np.arange(0, len(reference.times), stride)
-    positions = []
-    for motion in motions:
-        if method == "fastdtw":
-            positions.append(warp_fast(reference.points, motion.points, radius))
-        else:
-            grid = np.linspace(0, len(motion.times) - 1, min(len(motion.times), MOST_SAMPLES))
-            other = at(grid, np.arange(len(motion.times)), motion.points)
-            found = warp(reference.points[places], other[None]).positions[0]
-            positions.append(np.interp(found, np.arange(len(grid)), grid))
-    return taken_at(motions, np.stack(positions)), reference.times[places]
+@dataclass(frozen=True, slots=True)
+class Remark:
+    """What is to be said of one motion: ``place`` 0..1 on the path, ``size`` in m."""
+
+    reason: str
+    place: float | None = None
+    size: float | None = None
 
 
-def taken_at(motions: list[CleanMotion], positions: Floats) -> Correspondence:
+@dataclass(frozen=True, slots=True, eq=False)
+class Fitted:
+    """A mixture and the demonstrations behind it.
+
+    ``rows`` (u,): which of the motions given are in ``aligned``; ``phases`` (n,): 0..1, of its instants.
+    ``left_out``, ``in_part`` and ``remarks``: what is to be said of motions, by their index.
+    """
+
+    mixture: Mixture
+    clock: Clock
+    duration: float
+    phases: Floats
+    aligned: Correspondence
+    rows: tuple[int, ...]
+    covariance_rule: CovarianceRule
+    left_out: dict[int, Remark]
+    in_part: dict[int, Remark]
+    remarks: dict[int, Remark]
+    notes: tuple[str, ...]
+
+
+def taken_at(motions: list[CleanMotion], positions: Floats, weights: Floats) -> Correspondence:
     """Return the motions at fractional sample positions (u, n); NaN positions give NaN."""
-    points, times, triggers, orientations = [], [], [], []
+    points: list[Floats] = []
+    times: list[Floats] = []
+    triggers: list[Floats] = []
+    orientations: list[Floats] = []
     for motion, where in zip(motions, positions, strict=True):
         index = np.arange(len(motion.times), dtype=np.float64)
         known = np.interp(where, index, motion.known.astype(np.float64)) > 0.5
@@ -55,5 +88,21 @@ def taken_at(motions: list[CleanMotion], positions: Floats) -> Correspondence:
         triggers.append(np.interp(where, index, motion.triggers.astype(np.float64)) + blank)
         if motion.orientations is not None:
             orientations.append(at(where, index, motion.orientations) + blank[:, None])
-    carried = np.stack(orientations) if len(orientations) == len(motions) else None
-    return Correspondence(np.stack(points), np.stack(times), np.stack(triggers), carried)
+    carried = same_side(np.stack(orientations)) if len(orientations) == len(motions) else None
+    stacked = np.stack(points)
+    return Correspondence(
+        stacked, np.stack(times), np.stack(triggers), carried, np.where(np.isfinite(stacked[:, :, 0]), weights, 0.0)
+    )
+
+
+def same_side(orientations: Floats) -> Floats:
+    """Return quaternions (u, n, 4), each motion's sign such that it is on the first motion's side: q and -q are one turn."""
+    agreement = np.nansum(orientations * orientations[:1], axis=(1, 2))
+    return orientations * np.where(agreement < 0, -1.0, 1.0)[:, None, None]
+
+
+def mean_of(values: Floats, weights: Floats) -> Floats:
+    """Return the weighted mean (n, m) of values (u, n, m), NaN left out."""
+    known = np.isfinite(values)
+    share = np.where(known, weights[:, :, None], 0.0)
+    return (share * np.where(known, values, 0.0)).sum(axis=0) / np.maximum(share.sum(axis=0), 1e-12)

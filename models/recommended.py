@@ -1,26 +1,215 @@
-"""The recommended alignment: every motion by its way, laid upon the others as ``models.group`` does."""
+"""The recommended pipeline: people laid upon each other, odd ones found, components over the path with chosen hand-overs."""
+
+from dataclasses import replace
 
 import numpy as np
 
-from models.cleaning import CleanMotion
-from models.correspondence import Correspondence, taken_at
+from models.cleaning import CleanMotion, moving_average
+from models.correspondence import Correspondence, Fitted, Progress, Remark, mean_of, taken_at
 from models.demonstration import Floats
-from models.group import POINTS, Group, lay_upon_each_other
-from models.phase import at, travelled
+from models.experts import Fit, Handover, fit_handover, lines, retimed
+from models.group import POINTS, Group, diagonal, lay_upon_each_other
+from models.mixture import Mixture
+from models.oddness import against_direction, first_pass, odd_ones
+from models.options import LearningOptions
+from models.phase import arc_lengths, at, travelled
+
+CLOCK_POINTS = 300
+FIT_POINTS = 100
+FIT_ROWS = 3000
+ROUNDS = 3
+LEAST_PACE = 0.25
+COVARIANCE_FLOOR = 1e-5
 
 
-def to_common_shape(motions: list[CleanMotion], method: str, radius: int) -> tuple[Correspondence, Group]:
-    """Return the motions at the instants of their common shape, and how they lie upon each other."""
-    places, curves = [], []
+def fit_recommended(motions: list[CleanMotion], options: LearningOptions, tell: Progress) -> Fitted:
+    """Return the mixture of what the motions have in common."""
+    method, radius = options.alignment or "dtw", options.radius or 1
+    in_part: dict[int, Remark] = {}
+    left_out: dict[int, Remark] = {}
+    motions = list(motions)
+    curves, places = _curves(motions)
+    for index, end in first_pass(curves).items():
+        motions[index] = _until(motions[index], float(places[index][end]))
+        in_part[index] = Remark("drawn more than once: the first time is used", None, None)
+    curves, places = _curves(motions)
+    rows = list(range(len(motions)))
+    if options.reject_outliers:
+        for index in against_direction(curves):
+            left_out[index] = Remark("drawn in the opposite direction: draw it again from the other end", None, None)
+        rows = [row for row in rows if row not in left_out]
+    for turn in range(ROUNDS):
+        tell(0.4 + 0.1 * turn, "aligning")
+        chosen = [motions[row] for row in rows]
+        group = lay_upon_each_other(curves[rows], method, radius)
+        aligned = _taken(chosen, places[rows], group)
+        aligned = _evened(aligned)
+        odd = odd_ones(aligned.points, aligned.weights) if options.reject_outliers and turn < ROUNDS - 1 else {}
+        if not odd:
+            break
+        left_out.update({rows[row]: remark for row, remark in odd.items()})
+        rows = [row for i, row in enumerate(rows) if i not in odd]
+    tell(0.7, "fitting")
+    for i, row in enumerate(rows):
+        if group.early[i] or group.late[i]:
+            in_part[row] = _partly(group, i)
+        elif not np.isfinite(aligned.points[i, :, 0]).all():
+            place = float(np.flatnonzero(~np.isfinite(aligned.points[i, :, 0]))[0]) / (CLOCK_POINTS - 1)
+            in_part[row] = Remark(f"the marker was lost at {place:.2f} of the path: used around it", place, None)
+    fit, aligned = _fit(aligned, options)
+    duration, times = _timing(aligned)
+    mixture = _mixture(fit, aligned, times, options.clock or "path", duration)
+    phases = np.linspace(0.0, 1.0, CLOCK_POINTS)
+    name = "time" if options.clock == "time" else "path"
+    return Fitted(mixture, name, duration, phases, aligned, tuple(rows), "within", left_out, in_part, {}, ())
+
+
+def _curves(motions: list[CleanMotion]) -> tuple[Floats, Floats]:
+    """Return each motion at 256 points (u, n, d), evenly spaced along its way, and their fractional samples (u, n)."""
+    places: list[Floats] = []
+    curves: list[Floats] = []
     for motion in motions:
         index = np.arange(len(motion.times), dtype=np.float64)
         places.append(np.interp(np.linspace(0.0, 1.0, POINTS), travelled(motion), index))
         curves.append(at(places[-1], index, motion.points))
-    group = lay_upon_each_other(np.stack(curves), method, radius)
-    samples: Floats = np.stack(
-        [
-            np.interp(where, np.arange(POINTS), own) + 0.0 * where
-            for where, own in zip(group.positions, places, strict=True)
-        ]
+    return np.stack(curves), np.stack(places)
+
+
+def _until(motion: CleanMotion, sample: float) -> CleanMotion:
+    count = max(4, int(sample) + 1)
+    turned = None if motion.orientations is None else motion.orientations[:count]
+    return replace(
+        motion,
+        times=motion.times[:count],
+        points=motion.points[:count],
+        triggers=motion.triggers[:count],
+        known=motion.known[:count],
+        orientations=turned,
     )
-    return taken_at(motions, samples), group
+
+
+def _taken(motions: list[CleanMotion], places: Floats, group: Group) -> Correspondence:
+    index = np.arange(POINTS, dtype=np.float64)
+    samples = np.stack(
+        [np.interp(where, index, own) + 0.0 * where for where, own in zip(group.positions, places, strict=True)]
+    )
+    return taken_at(motions, samples, group.weights)
+
+
+def _evened(aligned: Correspondence) -> Correspondence:
+    """Return the motions at 300 instants, evenly spaced along their mean path."""
+    lengths = arc_lengths(moving_average(mean_of(aligned.points, aligned.weights), 5))
+    index = np.arange(len(lengths), dtype=np.float64)
+    return aligned.at_instants(np.interp(np.linspace(0.0, lengths[-1], CLOCK_POINTS), lengths, index))
+
+
+def _partly(group: Group, row: int) -> Remark:
+    words: list[str] = []
+    place = float(group.last[row])
+    if group.late[row]:
+        place = float(group.first[row])
+        words.append(f"started at {place:.2f} of the path: used from there")
+    if group.early[row]:
+        words.append(f"let go at {float(group.last[row]):.2f} of the path: used up to there")
+    return Remark(" and ".join(words), place, None)
+
+
+def _fit(aligned: Correspondence, options: LearningOptions) -> tuple[Fit, Correspondence]:
+    """Return hand-over and lines of the mean path, and the motions at the instants nearest to the path so fitted."""
+    if options.clock == "time":
+        _, times = _timing(aligned)
+        index = np.arange(CLOCK_POINTS, dtype=np.float64)
+        aligned = aligned.at_instants(np.interp(np.linspace(0.0, 1.0, CLOCK_POINTS), times / times[-1], index))
+    mean = mean_of(aligned.points, aligned.weights)
+    spread = float(np.sqrt(np.nanmean(((aligned.points - mean) ** 2).sum(axis=2))))
+    fit = fit_handover(mean, _samples(aligned), spread / np.sqrt(len(aligned.points)), options.components)
+    path = fit.handover.basis(np.linspace(0.0, 1.0, CLOCK_POINTS)) @ fit.coefficients
+    return fit, aligned.at_instants(retimed(path, mean))
+
+
+def _samples(aligned: Correspondence) -> Floats:
+    """Return clock and position (r, 1 + d) of all motions, at most 3000 rows: more do not move the mixture."""
+    count = min(FIT_POINTS, max(25, FIT_ROWS // len(aligned.points)))
+    chosen = np.linspace(0, CLOCK_POINTS - 1, count).round().astype(np.int64)
+    clock = np.broadcast_to(chosen / (CLOCK_POINTS - 1.0), aligned.times[:, chosen].shape)
+    rows = np.concatenate([clock[:, :, None], aligned.points[:, chosen]], axis=2).reshape(
+        -1, 1 + aligned.points.shape[2]
+    )
+    return rows[np.isfinite(rows).all(axis=1)]
+
+
+def _timing(aligned: Correspondence) -> tuple[float, Floats]:
+    """Return the duration in s (the median of those who drew all of it) and the mean time (n,) at each instant.
+
+    Each motion counts by the share of its own time, so that a slow one does not outweigh the others.
+    """
+    own = aligned.times - np.nanmin(aligned.times, axis=1, keepdims=True)
+    whole = np.isfinite(own[:, [0, -1]]).all(axis=1)
+    used = own[whole] if whole.any() else own
+    totals = np.nanmax(used, axis=1, keepdims=True)
+    duration = float(np.median(totals))
+    paces = np.nan_to_num(np.diff(used / totals, axis=1))
+    times = np.concatenate([[0.0], np.cumsum(np.maximum(paces.mean(axis=0), 1e-6))])
+    return duration, times * (duration / times[-1])
+
+
+def _mixture(fit: Fit, aligned: Correspondence, times: Floats, clock: str, duration: float) -> Mixture:
+    """Return means and covariances: the lines of all outputs under the hand-over, and what the people differ from them."""
+    handover = fit.handover
+    components = len(handover.centres)
+    grid = np.linspace(0.0, 1.0, CLOCK_POINTS)
+    basis = handover.basis(grid)
+    coefficients = [fit.coefficients]
+    values = [aligned.points]
+    if clock == "path":
+        coefficients.insert(0, _never_stopping(lines(handover, times[:, None]), handover, duration))
+        values.insert(0, _own_times(aligned, times)[:, :, None])
+    if aligned.orientations is not None:
+        coefficients.append(lines(handover, mean_of(aligned.orientations, aligned.weights)))
+        values.append(aligned.orientations)
+    line = np.concatenate(coefficients, axis=1)
+    residuals = np.concatenate(values, axis=2) - basis @ line
+    width = line.shape[1]
+    means = np.empty((components, 1 + width))
+    covariances = np.empty((components, 1 + width, 1 + width))
+    known = np.isfinite(residuals).all(axis=2)
+    residuals = np.where(known[:, :, None], residuals, 0.0)
+    size = diagonal(mean_of(aligned.points, aligned.weights))
+    floor = np.full(width, (COVARIANCE_FLOOR * size) ** 2)
+    for k in range(components):
+        slope = line[components + k] / handover.extents[k]
+        share = (known * basis[:, k]).reshape(-1, 1)
+        flat = residuals.reshape(-1, width)
+        within = (share * flat).T @ flat / max(float(share.sum()), 1e-12) + np.diag(floor)
+        extent = handover.extents[k] ** 2
+        means[k] = np.concatenate([[handover.centres[k]], line[k]])
+        covariances[k, 0, 0] = extent
+        covariances[k, 0, 1:] = covariances[k, 1:, 0] = slope * extent
+        covariances[k, 1:, 1:] = 0.5 * (within + within.T) + np.outer(slope, slope) * extent
+    if clock == "time":
+        means[:, 0] *= duration
+        covariances[:, 0, :] *= duration
+        covariances[:, :, 0] *= duration
+    return Mixture(means, covariances)
+
+
+def _own_times(aligned: Correspondence, times: Floats) -> Floats:
+    """Return each motion's time (u, n) in s on the common scale: those who drew only a part are laid upon the mean there."""
+    result = np.empty_like(aligned.times)
+    for row, own in enumerate(aligned.times):
+        known = np.flatnonzero(np.isfinite(own))
+        first, last = known[0], known[-1]
+        pace = (times[last] - times[first]) / max(float(own[last] - own[first]), 1e-9)
+        result[row] = times[first] + (own - own[first]) * pace
+    return result
+
+
+def _never_stopping(coefficients: Floats, handover: Handover, duration: float) -> Floats:
+    """Return the lines of time (2 K, 1), evened just so much that time runs at a quarter of its mean pace at least."""
+    basis = handover.basis(np.linspace(0.0, 1.0, 4 * CLOCK_POINTS))
+    even = duration * np.concatenate([handover.centres, handover.extents])[:, None]
+    slowest = float(np.diff((basis @ coefficients)[:, 0]).min()) * (4 * CLOCK_POINTS - 1) / duration
+    if slowest >= LEAST_PACE:
+        return coefficients
+    share = (LEAST_PACE - slowest) / (1.0 - slowest)
+    return (1.0 - share) * coefficients + share * even

@@ -1,0 +1,200 @@
+"""How components hand over to each other: narrow at corners, wide on curves, and lines that fit the path given the hand-over.
+
+The tied mixture says where on the clock each component lives. Its regression is a chain of straight pieces with hand-overs
+as narrow as the bins are; on a curve that is a chain of kinks. So the extent Sigma_11 of every component is divided by a
+``sharpness`` chosen by the data (below one: wide), and the line of each component is fitted anew by least squares to the
+mean path under these hand-overs. Both are stored in the same two arrays and read by the same equations 4 to 6.
+
+Only the distance across the path counts in that fit: a point may slide along the path, which changes when, not where.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from models.demonstration import Floats
+from models.group import diagonal
+from models.mixture import Mixture, fit_tied, in_bins
+from models.phase import corners
+from models.regression import activations
+
+CORNER = 0.05
+STRAIGHT = 0.02
+CURVE_COMPONENTS = (6, 8, 10, 12, 16, 20, 24)
+CURVE_SHARPNESS = (0.35, 0.5)
+POLYGON_SHARPNESS = (1.0, 1.2, 1.4, 1.7, 2.0, 2.5, 3.0, 4.0)
+CORNER_MISS = 0.006
+RMS_MISS = 0.0015
+MAX_MISS = 0.006
+UNCERTAINTY_RMS = 0.15
+UNCERTAINTY_MAX = 0.5
+ALONG = 0.003
+RIDGE = 1e-4
+WINDOW = 0.08
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Handover:
+    """Where on the clock (0..1) each of K components lives: ``centres`` (K,) and ``extents`` (K,), standard deviations."""
+
+    centres: Floats
+    extents: Floats
+
+    def basis(self, clock: Floats) -> Floats:
+        """Return the 2 K functions (n, 2 K) that the path is a sum of: h_k(s), and h_k(s) (s - centre_k) / extent_k."""
+        covariances = (self.extents**2)[:, None, None]
+        weights = activations(self.centres[:, None], covariances, clock)
+        return np.concatenate([weights, weights * (clock[:, None] - self.centres) / self.extents], axis=1)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fit:
+    """A hand-over, the lines ``coefficients`` (2 K, d) under it, and how far the path is from the mean: rms and largest, m."""
+
+    handover: Handover
+    coefficients: Floats
+    rms: float
+    furthest: float
+    polygon: bool
+
+
+def edges_of(mean: Floats) -> tuple[tuple[int, ...], bool]:
+    """Return the indices of the corners of a mean path (n, d), ends included, and whether it is a polygon.
+
+    It is one if Douglas and Peucker find no corner more at 2 % of the diagonal than at 5 %.
+    """
+    size = diagonal(mean)
+    coarse = corners(mean, CORNER * size)
+    return coarse, len(corners(mean, STRAIGHT * size)) == len(coarse)
+
+
+def fit_handover(mean: Floats, samples: Floats, uncertainty: float, components: int) -> Fit:
+    """Return the hand-over and lines for a mean path (n, d) at even clock steps 0..1.
+
+    ``samples`` (r, 1 + d): clock and position of all demonstrations, for the mixture; ``uncertainty``: standard error of the mean
+    in m; ``components``: how many, 0 to choose. A polygon gets one for each edge and the widest hand-over that does not
+    cut its corners by more than 0.6 % of the diagonal. A curve gets the fewest of 6 to 24, with the widest hand-over, that stay
+    within 0.15 % (rms) and 0.6 % (anywhere) of the diagonal from the mean, or within half of its standard error.
+    """
+    clock = np.linspace(0.0, 1.0, len(mean))
+    size = diagonal(mean)
+    found, polygon = edges_of(mean)
+    if polygon and components in {0, len(found) - 1}:
+        tied = fit_tied(samples, in_bins(samples, clock[list(found)]))
+        for sharpness in POLYGON_SHARPNESS:
+            fit = _fit(mean, clock, _sharpened(tied, sharpness), True)
+            path = fit.handover.basis(np.linspace(0.0, 1.0, 4 * len(mean))) @ fit.coefficients
+            missed = [float(np.sqrt(((path - mean[corner]) ** 2).sum(axis=1)).min()) for corner in found]
+            if max(missed) <= CORNER_MISS * size:
+                break
+        return fit
+    rms = max(RMS_MISS * size, UNCERTAINTY_RMS * uncertainty)
+    furthest = max(MAX_MISS * size, UNCERTAINTY_MAX * uncertainty)
+    tried: list[Fit] = []
+    for count in (components,) if components else CURVE_COMPONENTS:
+        tied = fit_tied(samples, in_bins(samples, np.linspace(0.0, 1.0, count + 1)))
+        for sharpness in CURVE_SHARPNESS if not components else (*CURVE_SHARPNESS, *POLYGON_SHARPNESS):
+            fit = _fit(mean, clock, _sharpened(tied, sharpness), False)
+            if fit.rms <= rms and fit.furthest <= furthest:
+                return fit
+            tried.append(fit)
+    return min(tried, key=lambda fit: fit.furthest)
+
+
+def lines(handover: Handover, values: Floats) -> Floats:
+    """Return coefficients (2 K, m) so that the outputs are nearest to values (n, m) at even clock steps, and equal at both ends."""
+    basis = handover.basis(np.linspace(0.0, 1.0, len(values)))
+    usual = _local_lines(handover, values)
+    matrix = basis.T @ basis / len(basis)
+    matrix[np.diag_indices(len(matrix))] += RIDGE
+    right = basis.T @ (values - basis @ usual) / len(basis)
+    ends = basis[[0, -1]]
+    return usual + _constrained(matrix, right, ends, values[[0, -1]] - ends @ usual)
+
+
+def retimed(path: Floats, mean: Floats) -> Floats:
+    """Return the fractional index (n,) of the mean path (n, d) that is nearest to each point of the path (n, d), rising."""
+    count = len(path)
+    reach = max(2, round(WINDOW * count))
+    offsets = np.arange(-reach, reach + 1)
+    segments = np.clip(np.arange(count)[:, None] + offsets, 0, count - 2)
+    start, step = mean[segments], mean[segments + 1] - mean[segments]
+    squares = np.maximum((step * step).sum(axis=2), 1e-300)
+    along = np.clip(((path[:, None] - start) * step).sum(axis=2) / squares, 0.0, 1.0)
+    away = ((path[:, None] - start - along[:, :, None] * step) ** 2).sum(axis=2)
+    nearest = away.argmin(axis=1)
+    everyone = np.arange(count)
+    where = segments[everyone, nearest] + along[everyone, nearest]
+    where[0], where[-1] = 0.0, count - 1.0
+    return np.minimum(np.maximum.accumulate(where), count - 1.0)
+
+
+def _sharpened(tied: Mixture, sharpness: float) -> Handover:
+    order = np.argsort(tied.means[:, 0], kind="stable")
+    return Handover(tied.means[order, 0], np.sqrt(tied.covariances[order, 0, 0] / sharpness))
+
+
+def _fit(mean: Floats, clock: Floats, handover: Handover, polygon: bool) -> Fit:
+    basis = handover.basis(clock)
+    coefficients = _lines_across(handover, mean)
+    path = basis @ coefficients
+    there = _distances(path, mean)
+    back = _distances(mean, path)
+    rms = float(np.sqrt(0.5 * ((there**2).mean() + (back**2).mean())))
+    return Fit(handover, coefficients, rms, float(max(there.max(), back.max())), polygon)
+
+
+def _distances(path: Floats, other: Floats) -> Floats:
+    where = retimed(path, other)
+    index = np.arange(len(other), dtype=np.float64)
+    nearest = np.column_stack([np.interp(where, index, column) for column in other.T])
+    return np.sqrt(((path - nearest) ** 2).sum(axis=1))
+
+
+def _local_lines(handover: Handover, values: Floats) -> Floats:
+    """Return the coefficients (2 K, m) of each component on its own: the value at its centre, the slope over its extent."""
+    clock = np.linspace(0.0, 1.0, len(values))
+    low, high = np.clip(handover.centres - handover.extents, 0, 1), np.clip(handover.centres + handover.extents, 0, 1)
+    share = handover.extents / (high - low)
+    rows = [
+        np.column_stack([np.interp(handover.centres, clock, column) for column in values.T]),
+        np.column_stack(
+            [share * (np.interp(high, clock, column) - np.interp(low, clock, column)) for column in values.T]
+        ),
+    ]
+    return np.concatenate(rows)
+
+
+def _lines_across(handover: Handover, mean: Floats) -> Floats:
+    """Return coefficients (2 K, d) of the path nearest to the mean (n, d), where only distance across the mean counts.
+
+    A little weight keeps every component near the stretch it stands for: a component's mean is a place on the path.
+    """
+    count, dimension = mean.shape
+    basis = handover.basis(np.linspace(0.0, 1.0, count))
+    width = basis.shape[1]
+    usual = _local_lines(handover, mean)
+    moves = np.gradient(mean, axis=0)
+    ahead = moves / np.maximum(np.sqrt((moves * moves).sum(axis=1, keepdims=True)), 1e-300)
+    across = np.eye(dimension)[None] - (1.0 - ALONG) * ahead[:, :, None] * ahead[:, None, :]
+    matrix = np.empty((width, dimension, width, dimension))
+    for i in range(dimension):
+        for j in range(dimension):
+            matrix[:, i, :, j] = (basis * across[:, i, j, None]).T @ basis / count
+    square = matrix.reshape(width * dimension, width * dimension)
+    square[np.diag_indices(len(square))] += RIDGE
+    missing = (across * (mean - basis @ usual)[:, None, :]).sum(axis=2)
+    right = (basis.T @ missing / count).reshape(-1, 1)
+    ends = basis[[0, -1]]
+    blocks = np.kron(ends, np.eye(dimension))
+    solved = _constrained(square, right, blocks, (mean[[0, -1]] - ends @ usual).reshape(-1, 1))
+    return usual + solved.reshape(width, dimension)
+
+
+def _constrained(matrix: Floats, right: Floats, ends: Floats, values: Floats) -> Floats:
+    """Return x with least x' matrix x / 2 - right' x that keeps ends @ x = values."""
+    size, extra = len(matrix), len(ends)
+    whole = np.zeros((size + extra, size + extra))
+    whole[:size, :size], whole[:size, size:], whole[size:, :size] = matrix, ends.T, ends
+    whole[np.arange(size, size + extra), np.arange(size, size + extra)] = -1e-12
+    return np.linalg.solve(whole, np.concatenate([right, values]))[:size]

@@ -1,0 +1,100 @@
+"""Demonstrations that do not fit the others: drawn twice, drawn backwards, another shape, off in one place."""
+
+import numpy as np
+
+from models.alignment import costs, warp
+from models.correspondence import Remark
+from models.demonstration import Floats
+from models.group import diagonal, directions, mean_shape, reference_of
+from models.phase import arc_lengths
+
+WINDOW = 0.05
+FAR = 3.5
+LEAST_SHARE = 0.7
+LEAST_SIZE = 0.03
+KEPT = 0.6
+TWICE = 1.6
+BACKWARDS = 0.5
+
+
+def first_pass(curves: Floats) -> dict[int, int]:
+    """Return for each curve (of u, n, d) that draws the shape more than once the sample at which the first time ends.
+
+    It is 1.6 times as long as is usual, and the usual shape fits upon its beginning alone.
+    """
+    count, points = curves.shape[:2]
+    lengths = np.array([arc_lengths(curve)[-1] for curve in curves])
+    usual = float(np.median(lengths))
+    found: dict[int, int] = {}
+    if count < 3:
+        return found
+    middle = curves[int(np.abs(lengths - usual).argmin())]
+    for index in np.flatnonzero(lengths > TWICE * usual):
+        part = warp(curves[index], middle[None], open_end=np.ones(1, dtype=bool))
+        whole = costs(middle[None], curves[index][None])[0] / points
+        if part.last[0] < points / TWICE and part.costs[0] < 0.5 * whole:
+            found[int(index)] = int(part.last[0])
+    return found
+
+
+def against_direction(curves: Floats) -> list[int]:
+    """Return which curves (u, n, d) fit the others far better when they are run from end to start."""
+    if len(curves) < 3:
+        return []
+    reference = np.broadcast_to(curves[reference_of(curves)], curves.shape)
+    forward, backward = costs(reference, curves), costs(reference, curves[:, ::-1])
+    return [
+        int(index) for index in np.flatnonzero((backward < BACKWARDS * forward) & (forward > 2 * np.median(forward)))
+    ]
+
+
+def odd_ones(points: Floats, weights: Floats) -> dict[int, Remark]:
+    """Return which of the aligned motions (u, n, d) are off, where and by how much, by their worst 5 % of the path.
+
+    Off is further across the path from the median motion than 3.5 times the others' median distance there (or 0.7 times their
+    usual worst, where they agree very well). Never more than 40 % of them, and never so that fewer than two are left.
+    """
+    count, instants = points.shape[:2]
+    if count < 3:
+        return {}
+    middle = _median(points, weights)
+    ahead = directions(middle)
+    offsets = points - middle
+    offsets = offsets - (offsets * ahead).sum(axis=2, keepdims=True) * ahead
+    away = np.where(np.isfinite(offsets[:, :, 0]), np.sqrt((offsets**2).sum(axis=2)), 0.0)
+    width = max(1, round(WINDOW * instants))
+    sums = np.cumsum(np.concatenate([np.zeros((count, 1)), away], axis=1), axis=1)
+    windows = (sums[:, width:] - sums[:, :-width]) / width
+    usual = np.maximum(np.median(windows, axis=0), LEAST_SHARE * float(np.median(windows.max(axis=1))))
+    usual = np.maximum(usual, LEAST_SIZE / FAR * diagonal(middle))
+    ratio = windows / usual
+    worst = ratio.max(axis=1)
+    most = min(count - 2, int((1.0 - KEPT) * count))
+    suspects = [int(row) for row in np.argsort(-worst, kind="stable")[:most] if worst[row] > FAR]
+    found: dict[int, Remark] = {}
+    for row in suspects:
+        start = int(ratio[row].argmax())
+        middle_of_window = start + width // 2
+        place = middle_of_window / (instants - 1)
+        offset = np.nanmean(offsets[row, start : start + width], axis=0)
+        size = float(np.sqrt((offset * offset).sum()))
+        reason = f"{place:.2f} of the path: {1e3 * size:.0f} mm {_side(offset)} the others"
+        found[row] = Remark(reason, place, size)
+    return found
+
+
+def _median(points: Floats, weights: Floats) -> Floats:
+    """Return the median (n, d) of the motions there are at each instant."""
+    nobody = ~np.isfinite(points).any(axis=(0, 2))
+    filled = np.where(nobody[None, :, None], mean_shape(points, weights), points)
+    return np.nanmedian(filled, axis=0)
+
+
+def _side(offset: Floats) -> str:
+    axis = int(np.abs(offset).argmax())
+    up = len(offset) - 1
+    if axis == up:
+        return "above" if offset[axis] > 0 else "below"
+    if axis == 0:
+        return "to the right of" if offset[axis] > 0 else "to the left of"
+    return "behind" if offset[axis] > 0 else "in front of"
