@@ -63,6 +63,7 @@ class Session:
         self._folder = folder or client_folder()
         self._secure = secure
         self._client = Client(url, timeout=timeout)
+        self._client.session_timeout = 120_000
         self._client.name = self._client.description = "opcua-skill"
         self._client.application_uri = APPLICATION_URI
         if user:
@@ -150,7 +151,7 @@ class Session:
         for child in await self._client.nodes.objects.get_children_descriptions():
             if child.BrowseName.Name == name:
                 below = await self._client.get_node(child.NodeId).get_children_descriptions()
-                return [one.BrowseName.Name for one in below if one.NodeClass == ua.NodeClass.Object]
+                return list(dict.fromkeys(one.BrowseName.Name for one in below if one.NodeClass == ua.NodeClass.Object))
         return []
 
     async def read(self, *paths: str) -> list[Any]:
@@ -162,6 +163,25 @@ class Session:
             raise Refused("Read", status_name(error.code), "", f"{', '.join(paths)}: {meaning(error.code)}") from error
         except (OSError, TimeoutError) as error:
             raise Unreachable(f"the connection to {self.url} broke: {describe(error)}") from error
+
+    async def write(self, path: str, value: ua.Variant) -> None:
+        """Write a variable that clients may set; the server may refuse like a call."""
+        node = self._client.get_node(self.node(path))
+        try:
+            await node.write_attribute(ua.AttributeIds.Value, ua.DataValue(value))
+        except ua.UaStatusCodeError as error:
+            raise Refused("Write", status_name(error.code), path.rsplit("/", 1)[-1], meaning(error.code)) from error
+        except (OSError, TimeoutError) as error:
+            raise Unreachable(f"the connection to {self.url} broke: {describe(error)}") from error
+
+    async def may(self, *methods: str) -> list[bool]:
+        """Return for each method, by browse path, whether the server says that this user may call it."""
+        nodes = [self.node(path) for path in methods]
+        try:
+            results = await self._client.uaclient.read_attributes(nodes, ua.AttributeIds.UserExecutable)
+        except (OSError, TimeoutError) as error:
+            raise Unreachable(f"the connection to {self.url} broke: {describe(error)}") from error
+        return [bool(one.Value and one.Value.Value) for one in results]
 
     async def call(self, place: str, method: str, **arguments: ua.Variant) -> Sequence[Any]:
         """Call ``place/method`` and return its output values.

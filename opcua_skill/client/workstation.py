@@ -125,6 +125,10 @@ class Workstation:
         """Acknowledge a protective stop or a fault."""
         await self.session.call(f"{self.path}/Arm", "Reset", Comment=wire.string(comment))
 
+    async def set_speed_override(self, fraction: float) -> None:
+        """Slow the arm down, or let it go faster again: a fraction of the planned speed, above 0, up to 1."""
+        await self.session.write(f"{self.path}/Arm/SpeedOverride", wire.double(fraction))
+
     async def lock(self, context: str = "") -> bool:
         """Take the arm for this session, until `unlock` or its end; return whether it is ours now."""
         [status] = await self.session.call(f"{self.path}/Arm/Lock", "InitLock", Context=wire.string(context))
