@@ -77,6 +77,7 @@ TASKS = {
     "demo": lambda *rest: run(BIN / "opcua-skill", "demo", *rest),
     "test": lambda *rest: run(BIN / "pytest", *rest),
     "check": check,
+    "docs": lambda: run(BIN / "python", "docs/build.py"),
     "bench": lambda *rest: run(BIN / "opcua-skill", "bench", *rest),
     "lock": lock,
 }

@@ -213,6 +213,8 @@ def _assembled(
     first = 0
     for way in ways:
         segments.append(Segment(way.stage, first, first + way.steps))
+        if not np.isnan(way.phases[0]):
+            phases[first] = way.phases[0]  # the sample shared with the way before is the path's first
         first += way.steps
     if len(joints) == 1:
         joints, phases = np.repeat(joints, 2, axis=0), np.repeat(phases, 2)

@@ -1,0 +1,108 @@
+"""Write the generated reference pages: configuration, and the type namespace as a NodeSet for client developers."""
+
+import asyncio
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, get_args
+
+from asyncua.common.xmlexporter import XmlExporter
+from pydantic import BaseModel
+from pydantic_core import PydanticUndefined
+
+from opcua_skill.nodes.tree import TYPES, Tree
+from opcua_skill.nodes.types import add_types
+from opcua_skill.security import SecuritySettings
+from opcua_skill.settings import Settings
+from opcua_skill.stack.access import Identity, Peer
+from opcua_skill.stack.server import SkillServer
+
+REFERENCE = Path(__file__).parent / "reference"
+CONFIGURATION = REFERENCE / "configuration.md"
+NODE_SET = REFERENCE / "opcua-skill.NodeSet2.xml"
+
+
+def configuration_page() -> str:
+    """Return the page about every key of the configuration."""
+    lines = [
+        "# Configuration",
+        "",
+        "One TOML file (`opcua-skill serve --config plant.toml`); every key is an environment variable too, which wins",
+        "over the file. With no file at all there is one workstation, `ws1`, with a PyBullet arm.",
+        "",
+        "| key | environment variable | default | meaning |",
+        "|---|---|---|---|",
+    ]
+    lines += [
+        f"| `{'.'.join(path)}` | {_variable(path)} | {_shown(default)} | {meaning} |"
+        for path, default, meaning in _keys(Settings, ())
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _keys(model: type[BaseModel], path: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], Any, str]]:
+    for name, field in model.model_fields.items():
+        inner = next((one for one in (field.annotation, *get_args(field.annotation)) if _is_section(one)), None)
+        here = (*path, name)
+        if inner is None:
+            yield here, None if field.default_factory else field.default, field.description or ""
+        else:
+            many = inner is not field.annotation
+            yield from _keys(inner, (*path, f"[[{name}]]" if many else name))
+
+
+def _is_section(annotation: Any) -> bool:
+    return isinstance(annotation, type) and issubclass(annotation, BaseModel)
+
+
+def _variable(path: tuple[str, ...]) -> str:
+    lists = any(part.startswith("[[") for part in path)
+    return "in the file" if lists else f"`OPCUA_SKILL_{'__'.join(path).upper()}`"
+
+
+def _shown(default: Any) -> str:
+    if default is PydanticUndefined:
+        return "required"
+    if default is None:
+        return "`$STATE_DIRECTORY`, `$XDG_DATA_HOME/opcua-skill` or `~/.local/share/opcua-skill`"
+    if isinstance(default, str):
+        return f'`"{default}"`'
+    if isinstance(default, bool):
+        return f"`{str(default).lower()}`"
+    return f"`{list(default) if isinstance(default, tuple) else default}`"
+
+
+class _Nobody:
+    async def by_password(self, name: str, password: str, peer: Peer) -> Identity | None:
+        return None
+
+    async def by_certificate(self, certificate: bytes, peer: Peer) -> Identity | None:
+        return None
+
+
+async def node_set() -> str:
+    """Return our type namespace as a NodeSet2 document."""
+    with tempfile.TemporaryDirectory() as folder:
+        server = SkillServer(_Nobody(), SecuritySettings(folder=Path(folder), endpoint="opc.tcp://127.0.0.1:0"))
+        await server.init()
+        tree = await Tree.on(server)
+        await add_types(tree)
+        index = await server.get_namespace_index(TYPES)
+        space = server.iserver.aspace
+        ours = sorted((key for key in space._nodes if key.NamespaceIndex == index), key=lambda key: key.to_string())
+        exporter = XmlExporter(server)
+        await exporter.build_etree([server.get_node(key) for key in ours])
+        file = Path(folder) / "types.xml"
+        await exporter.write_xml(file)
+        return file.read_text(encoding="utf-8")
+
+
+def main() -> None:
+    """Write every generated page."""
+    REFERENCE.mkdir(exist_ok=True)
+    CONFIGURATION.write_text(configuration_page(), encoding="utf-8")
+    NODE_SET.write_text(asyncio.run(node_set()), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

