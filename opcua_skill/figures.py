@@ -12,11 +12,12 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 
-from models.demonstration import Floats
+from models.demonstration import Bools, Floats
 from opcua_skill.client import JobTrace, Path, Recordings, Skill, SkillClient
 
 GREY, BLUE, ORANGE, GREEN = "#9a9a9a", "#1f5fa8", "#d97b1c", "#2e7d4f"
 SIGMAS = 2.0
+WORK_HEIGHT = 0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -115,8 +116,12 @@ def runs_figure(runs: Sequence[Run], file: FilePath) -> None:
     grid: Any = figure.subplots(2, len(runs), squeeze=False, gridspec_kw={"height_ratios": [2.4, 1]})
     for above, below, run in zip(grid[0], grid[1], runs, strict=True):
         commanded, measured = mm(run.trace.commanded), mm(run.trace.measured)
-        above.plot(commanded[:, 0], commanded[:, 1], color=ORANGE, linewidth=3.0, alpha=0.55, label="commanded")
-        above.plot(measured[:, 0], measured[:, 1], color=BLUE, linewidth=1.0, label="measured")
+        working = at_work(commanded)
+        above.plot(
+            *hidden(commanded, ~working), color=GREY, linewidth=0.8, linestyle="--", label="travel, above the part"
+        )
+        above.plot(*hidden(commanded, working), color=ORANGE, linewidth=3.2, alpha=0.55, label="commanded")
+        above.plot(*hidden(measured, working), color=BLUE, linewidth=1.0, label="measured")
         above.set(title=run.title, xlabel="x in the arm's base, mm", ylabel="y, mm")
         above.set_aspect("equal", adjustable="datalim")
         above.legend(loc="best", frameon=False)
@@ -128,6 +133,17 @@ def runs_figure(runs: Sequence[Run], file: FilePath) -> None:
         for axes in (above, below):
             plain_frame(axes)
     save(figure, file)
+
+
+def at_work(points: Floats) -> Bools:
+    """Return which samples (n,) of a tool path in mm lie at the height of the work, the lowest there is."""
+    return points[:, 2] <= points[:, 2].min() + WORK_HEIGHT
+
+
+def hidden(points: Floats, shown: Bools) -> tuple[Floats, Floats]:
+    """Return x and y (n,), NaN where a sample is not to be drawn."""
+    x, y = np.where(shown[:, None], points[:, :2], np.nan).T
+    return x, y
 
 
 def components(skill: Skill) -> list[tuple[Floats, Floats]]:

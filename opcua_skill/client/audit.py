@@ -6,17 +6,20 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Any
 
-from asyncua import Client, ua
+from asyncua import ua
+from asyncua.client.client import Client
 from asyncua.common.subscription import OpcEvent
+from asyncua.ua.attribute_ids import AttributeIds
+from asyncua.ua.object_ids import ObjectIds
 
 WAIT = 2.0
 KEPT = 200
 FIELDS = {
-    "Message": ua.ObjectIds.BaseEventType,
-    "Status": ua.ObjectIds.AuditEventType,
-    "ClientAuditEntryId": ua.ObjectIds.AuditEventType,
-    "ClientUserId": ua.ObjectIds.AuditEventType,
-    "MethodId": ua.ObjectIds.AuditUpdateMethodEventType,
+    "Message": ObjectIds.BaseEventType,
+    "Status": ObjectIds.AuditEventType,
+    "ClientAuditEntryId": ObjectIds.AuditEventType,
+    "ClientUserId": ObjectIds.AuditEventType,
+    "MethodId": ObjectIds.AuditUpdateMethodEventType,
 }
 
 
@@ -49,10 +52,10 @@ class AuditReasons:
         with contextlib.suppress(ua.UaStatusCodeError):
             subscription = await client.create_subscription(50, None)
             clauses = [
-                ua.SimpleAttributeOperand(ua.NodeId(ua.Int32(kind)), [ua.QualifiedName(name)], ua.AttributeIds.Value)
+                ua.SimpleAttributeOperand(ua.NodeId(ua.Int32(kind)), [ua.QualifiedName(name)], AttributeIds.Value)
                 for name, kind in FIELDS.items()
             ]
-            audit_type = ua.NodeId(ua.Int32(ua.ObjectIds.AuditUpdateMethodEventType))
+            audit_type = ua.NodeId(ua.Int32(ObjectIds.AuditUpdateMethodEventType))
             only = ua.ContentFilterElement(ua.FilterOperator.OfType, [ua.LiteralOperand(ua.Variant(audit_type))])
             await subscription.subscribe_events(
                 client.nodes.server,

@@ -1,6 +1,7 @@
 """What can go wrong for a client, each in one sentence for the person at the keyboard."""
 
 from asyncua import ua
+from asyncua.ua.status_codes import StatusCodes
 
 
 class ClientError(Exception):
@@ -40,16 +41,16 @@ class TookTooLong(ClientError):
 
 
 SIGN_IN_REFUSALS: dict[int, str] = {
-    ua.StatusCodes.BadUserAccessDenied: "the user name or the password is wrong",
-    ua.StatusCodes.BadIdentityTokenRejected: "the user name or the password is wrong",
-    ua.StatusCodes.BadIdentityTokenInvalid: "the server does not accept this way of signing in",
-    ua.StatusCodes.BadCertificateUntrusted: "the server does not trust this client's certificate yet",
-    ua.StatusCodes.BadSecurityChecksFailed: "the server does not trust this client's certificate yet",
-    ua.StatusCodes.BadCertificateInvalid: "the server does not accept this client's certificate",
-    ua.StatusCodes.BadCertificateTimeInvalid: "this client's certificate has expired or is not valid yet",
-    ua.StatusCodes.BadCertificateUriInvalid: "this client's certificate names another application",
-    ua.StatusCodes.BadTooManySessions: "the server has no session left",
-    ua.StatusCodes.BadTcpNotEnoughResources: "the server has no connection left",
+    StatusCodes.BadUserAccessDenied: "the user name or the password is wrong",
+    StatusCodes.BadIdentityTokenRejected: "the user name or the password is wrong",
+    StatusCodes.BadIdentityTokenInvalid: "the server does not accept this way of signing in",
+    StatusCodes.BadCertificateUntrusted: "the server does not trust this client's certificate yet",
+    StatusCodes.BadSecurityChecksFailed: "the server does not trust this client's certificate yet",
+    StatusCodes.BadCertificateInvalid: "the server does not accept this client's certificate",
+    StatusCodes.BadCertificateTimeInvalid: "this client's certificate has expired or is not valid yet",
+    StatusCodes.BadCertificateUriInvalid: "this client's certificate names another application",
+    StatusCodes.BadTooManySessions: "the server has no session left",
+    StatusCodes.BadTcpNotEnoughResources: "the server has no connection left",
 }
 
 

@@ -9,9 +9,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from asyncua import Client, ua
+from asyncua import ua
+from asyncua.client.client import Client
 from asyncua.common.subscription import OpcEvent
 from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
+from asyncua.ua.attribute_ids import AttributeIds
+from asyncua.ua.object_ids import ObjectIds
 from asyncua.ua.ua_binary import struct_from_binary
 
 from opcua_skill.client.audit import AuditReasons
@@ -168,7 +171,7 @@ class Session:
         """Write a variable that clients may set; the server may refuse like a call."""
         node = self._client.get_node(self.node(path))
         try:
-            await node.write_attribute(ua.AttributeIds.Value, ua.DataValue(value))
+            await node.write_attribute(AttributeIds.Value, ua.DataValue(value))
         except ua.UaStatusCodeError as error:
             raise Refused("Write", status_name(error.code), path.rsplit("/", 1)[-1], meaning(error.code)) from error
         except (OSError, TimeoutError) as error:
@@ -178,7 +181,7 @@ class Session:
         """Return for each method, by browse path, whether the server says that this user may call it."""
         nodes = [self.node(path) for path in methods]
         try:
-            results = await self._client.uaclient.read_attributes(nodes, ua.AttributeIds.UserExecutable)
+            results = await self._client.uaclient.read_attributes(nodes, AttributeIds.UserExecutable)
         except (OSError, TimeoutError) as error:
             raise Unreachable(f"the connection to {self.url} broke: {describe(error)}") from error
         return [bool(one.Value and one.Value.Value) for one in results]
@@ -230,12 +233,12 @@ class Session:
     async def events(self) -> AsyncIterator["asyncio.Queue[Event]"]:
         """Yield a queue that receives every event the server tells, newest last, while the block runs."""
         queue: asyncio.Queue[Event] = asyncio.Queue(maxsize=1000)
-        base = ua.NodeId(ua.Int32(ua.ObjectIds.BaseEventType))
+        base = ua.NodeId(ua.Int32(ObjectIds.BaseEventType))
         names = ["EventType", "SourceName", "Message", "Severity"]
         paths = [[ua.QualifiedName(name)] for name in names] + [
             [ua.QualifiedName(name, self._types)] for name in ("JobId", "Progress")
         ]
-        clauses = [ua.SimpleAttributeOperand(base, path, ua.AttributeIds.Value) for path in paths]
+        clauses = [ua.SimpleAttributeOperand(base, path, AttributeIds.Value) for path in paths]
 
         subscription = await self._client.create_subscription(100, None)
         try:

@@ -28,6 +28,8 @@ def serve(
     """Run the server; Ctrl-C stops it cleanly."""
     settings = load_settings(config, data=data, endpoint=endpoint)
     logging.getLogger().setLevel(settings.log_level.upper())
+    for name in ("asyncua", "sqlalchemy", "alembic"):
+        logging.getLogger(name).setLevel(logging.WARNING)
     try:
         asyncio.run(keep_serving(settings, until_stdin_closes))
     except OSError as error:

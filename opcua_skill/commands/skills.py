@@ -1,13 +1,11 @@
 """`learn` and `skills …`: from files to a version, and through its life."""
 
-from collections import Counter
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-from models.demonstration import Demonstration
 from opcua_skill.client import Learned, LearningOptions, Skill, SkillClient
 from opcua_skill.commands.connection import (
     DEFAULT_SERVER,
@@ -38,17 +36,6 @@ def learning_options(given: list[str]) -> LearningOptions:
         raise typer.BadParameter(str(error), param_hint="--option") from None
 
 
-def read_files(files: list[Path]) -> list[Demonstration]:
-    """Return the demonstrations of all files, each with an id of its own."""
-    from library.readers import read
-
-    demonstrations = [one for file in files for one in read(file)]
-    twice = [name for name, times in Counter(one.demonstration_id for one in demonstrations).items() if times > 1]
-    if twice:
-        raise Fault(f"two demonstrations are called {twice[0]!r}: give each file a name of its own")
-    return demonstrations
-
-
 def learn(
     skill: SkillName,
     files: Annotated[list[Path], typer.Argument(exists=True, dir_okay=False, help="files of demonstrations")],
@@ -61,8 +48,10 @@ def learn(
     as_json: Json = False,
 ) -> None:
     """Send files of human demonstrations to the server, which learns a skill version from them."""
+    from library.readers import read_all
+
     options = learning_options(option or [])
-    demonstrations = read_files(files)
+    demonstrations = read_all(files)
 
     async def work(client: SkillClient) -> tuple[Learned, Skill]:
         learned = await client.learn(skill, demonstrations, semantic_type=semantic_type, options=options)

@@ -4,9 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from library.readers.lasa import LasaNotInstalled, fit_to_plate, lasa
-
-from library.readers import read
+from library.errors import ReaderError
+from library.readers import fit_to_plate, lasa, read_all
 from models.demonstration import Demonstration
 from models.people import simulated_people
 
@@ -25,11 +24,11 @@ class Shown:
 def shown_by(people: str, files: Sequence[Path]) -> Shown:
     """Return what the files hold, if any; else real strokes, unless simulated people are asked for or all there is."""
     if files:
-        return Shown([one for file in files for one in read(file)], f"{len(files)} files")
+        return Shown(read_all(files), f"{len(files)} files")
     if people != "simulated":
         try:
             strokes = fit_to_plate(lasa(SHAPE))
-        except LasaNotInstalled:
+        except ReaderError:
             return simulated(" (the LASA package is not installed)")
         return Shown(strokes, f"{len(strokes)} real demonstrations, LASA {SHAPE}, on a 65 × 90 mm plate")
     return simulated("")

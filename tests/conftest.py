@@ -1,0 +1,228 @@
+"""A real server in a process of its own, for every test that speaks OPC UA to it."""
+
+import asyncio
+import contextlib
+import os
+import signal
+import socket
+import sqlite3
+import subprocess
+import sys
+import time
+from collections.abc import AsyncIterator, Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+
+from library.store import SkillLibrary
+from opcua_skill.client import APPLICATION_URI, SkillClient
+from opcua_skill.security import TrustList, ensure_client_certificate, hash_password
+
+PASSWORD = "correct horse battery"
+USERS = {
+    "teacher": "teacher",
+    "engineer": "engineer",
+    "engineer-2": "engineer",
+    "mes": "operator",
+    "visitor": "observer",
+    "admin": "admin",
+}
+TABLES = ("skills", "versions", "recipes", "jobs", "deployments", "recordings")
+START_LIMIT = 90.0
+STOP_LIMIT = 30.0
+ORPHAN_LIMIT = 10.0
+
+
+def free_port() -> int:
+    """Return a loopback port that nobody uses now."""
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        return taken.getsockname()[1]
+
+
+@dataclass
+class Plant:
+    """A server on a data folder: it can be started, stopped, killed, and asked what it has stored."""
+
+    folder: Path
+    settings: str
+    port: int = field(default_factory=free_port)
+    process: "subprocess.Popen[str] | None" = None
+    password: str = PASSWORD
+
+    @property
+    def url(self) -> str:
+        """The address clients connect to: the same after every start."""
+        return f"opc.tcp://127.0.0.1:{self.port}"
+
+    @property
+    def data(self) -> Path:
+        return self.folder / "data"
+
+    @property
+    def client_folder(self) -> Path:
+        return self.folder / "client"
+
+    @property
+    def database(self) -> Path:
+        return self.data / "skills.db"
+
+    def set_up(self) -> None:
+        """Write configuration, users and trust, as an administrator does before the first start."""
+        self.folder.mkdir(parents=True, exist_ok=True)
+        (self.folder / "plant.toml").write_text(self.settings, encoding="utf-8")
+        mine = ensure_client_certificate(self.client_folder, APPLICATION_URI)
+        TrustList(self.data / "certificates").trust(mine.certificate_file)
+        asyncio.run(self._add_users())
+
+    async def _add_users(self) -> None:
+        secret = hash_password(PASSWORD)
+        library = await SkillLibrary.open(str(self.database))
+        try:
+            for name, role in USERS.items():
+                await library.add_user(name, role, secret)
+        finally:
+            await library.close()
+
+    def start(self) -> None:
+        """Start the server and wait until it listens."""
+        environment = {key: value for key, value in os.environ.items() if not key.startswith(("PYTEST", "OPCUA_SKILL"))}
+        log = (self.folder / "server.log").open("a", encoding="utf-8")
+        command = [sys.executable, "-m", "opcua_skill.cli", "serve", "--config", str(self.folder / "plant.toml")]
+        with log:
+            self.process = subprocess.Popen(
+                [*command, "--data", str(self.data), "--endpoint", self.url, "--until-stdin-closes"],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=log,
+                text=True,
+                env=environment,
+                start_new_session=True,
+            )
+        assert self.process.stdout is not None
+        line = self.process.stdout.readline()
+        if not line.startswith("listening on "):
+            self.kill()
+            raise AssertionError(f"the server did not start:\n{self.log()}")
+
+    def log(self) -> str:
+        """What the server has said on stderr so far."""
+        return (self.folder / "server.log").read_text(encoding="utf-8", errors="replace")
+
+    def stop(self) -> None:
+        """Stop the server as Ctrl-C does; it has to end by itself, with status 0 and leave nobody behind."""
+        if self.process is None:
+            return
+        process, self.process = self.process, None
+        process.send_signal(signal.SIGINT)
+        try:
+            status = process.wait(STOP_LIMIT)
+            self._group_ends(process.pid)
+        finally:
+            self._finish(process)
+        assert status == 0, f"the server ended with {status}:\n{self.log()}"
+
+    def kill(self) -> None:
+        """Kill -9 the server's own process, and only that one."""
+        if self.process is None:
+            return
+        process, self.process = self.process, None
+        process.kill()
+        process.wait(STOP_LIMIT)
+        try:
+            self._group_ends(process.pid)
+        finally:
+            self._finish(process)
+
+    @staticmethod
+    def _group_ends(group: int) -> None:
+        """Wait until no process that the server has started is left."""
+        deadline = time.monotonic() + ORPHAN_LIMIT
+        with contextlib.suppress(ProcessLookupError):
+            while time.monotonic() < deadline:
+                os.killpg(group, 0)
+                time.sleep(0.02)
+            raise AssertionError(f"processes of the server are left {ORPHAN_LIMIT:g} s after its end")
+
+    @staticmethod
+    def _finish(process: "subprocess.Popen[str]") -> None:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+        for stream in (process.stdin, process.stdout):
+            if stream is not None:
+                with contextlib.suppress(BrokenPipeError):
+                    stream.close()
+
+    def sign_in(self, user: str) -> SkillClient:
+        """Return a client for a user, not yet connected."""
+        return SkillClient(self.url, user, PASSWORD, folder=self.client_folder)
+
+    def counts(self) -> dict[str, int]:
+        """Return the number of rows of every table that holds what clients can change, read past the server."""
+        with contextlib.closing(sqlite3.connect(f"file:{self.database}?mode=ro", uri=True)) as connection:
+            return {table: connection.execute(f"SELECT count(*) FROM {table}").fetchone()[0] for table in TABLES}
+
+
+SETTINGS = """
+[[workstations]]
+name = "ws1"
+driver = "{driver}"
+realtime = {realtime}
+
+[limits]
+max_demonstrations = 40
+max_points_per_demonstration = 5000
+max_queued_jobs = 3
+"""
+
+MakePlant = Callable[..., Plant]
+
+
+@pytest.fixture(scope="module")
+def make_plant(tmp_path_factory: pytest.TempPathFactory) -> Iterator[MakePlant]:
+    """Return a function that makes a running plant; all are stopped when the module has ended."""
+    made: list[Plant] = []
+
+    def make(settings: str = "", *, driver: str = "kinematic", realtime: bool = False, start: bool = True) -> Plant:
+        words = settings or SETTINGS.format(driver=driver, realtime=str(realtime).lower())
+        plant = Plant(tmp_path_factory.mktemp("plant"), words)
+        plant.set_up()
+        made.append(plant)
+        if start:
+            plant.start()
+        return plant
+
+    try:
+        yield make
+    finally:
+        for plant in made:
+            plant.stop()
+
+
+@pytest.fixture(scope="module")
+def plant(make_plant: MakePlant) -> Plant:
+    """Return a running server with a kinematic arm, shared by the tests of a module."""
+    return make_plant()
+
+
+@pytest.fixture
+async def teacher(plant: Plant) -> AsyncIterator[SkillClient]:
+    """A teacher, signed in."""
+    async with plant.sign_in("teacher") as client:
+        yield client
+
+
+@pytest.fixture
+async def engineer(plant: Plant) -> AsyncIterator[SkillClient]:
+    """An engineer, signed in."""
+    async with plant.sign_in("engineer") as client:
+        yield client
+
+
+@pytest.fixture
+async def mes(plant: Plant) -> AsyncIterator[SkillClient]:
+    """A manufacturing execution system, signed in as operator."""
+    async with plant.sign_in("mes") as client:
+        yield client
