@@ -9,9 +9,10 @@ import secrets
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import Literal
+from typing import Any, Literal
 
 from library.description import Failure, JobReport, JobState, Recipe, SkillDescription, VersionState
+from library.errors import InvalidValue
 from library.store import SkillLibrary
 from models.demonstration import Demonstration, Edits
 from models.learning import LearnedMotion, LearningOptions
@@ -33,6 +34,13 @@ from sim.plan import Finding, MotionOrder, MotionPlan
 
 Mode = Literal["simulation", "test", "production"]
 TEST_SPEED = 0.25
+MOTION_PARAMETERS: dict[str, tuple[str, tuple[str, ...]]] = {
+    "BlendRadius": ("blend_radius", ()),
+    "Corners": ("corners", ("refuse", "slow")),
+    "ChordTolerance": ("chord_tolerance", ()),
+    "TubeSigmas": ("tube_sigmas", ()),
+    "TubePolicy": ("tube_policy", ("flag", "stop")),
+}
 PLANNING_SECONDS = 30.0
 
 _log = logging.getLogger(__name__)
@@ -380,6 +388,7 @@ class JobEngine:
             dispense_lead=recipe.dispense_lead,
             max_deviation=recipe.max_deviation,
             speed_fraction=speed_fraction,
+            **motion_parameters(recipe),
         )
         return await self._planners.run(
             f"planning {description.name}",
@@ -416,6 +425,24 @@ class JobEngine:
                 if lane.holds(job_id):
                     return lane
         return None
+
+
+def motion_parameters(recipe: Recipe) -> dict[str, Any]:
+    """Return what a recipe's process parameters say about the motion, as fields of a MotionOrder.
+
+    Raises InvalidValue for a word that is none, or a text where a number has to be; ranges are the plan's to check.
+    """
+    found: dict[str, Any] = {}
+    for name, (field, words) in MOTION_PARAMETERS.items():
+        value = recipe.parameters.get(name)
+        if value is None:
+            continue
+        if words and value not in words:
+            raise InvalidValue(f"parameters.{name}", value, f"it has to be {' or '.join(words)}")
+        if not words and isinstance(value, str):
+            raise InvalidValue(f"parameters.{name}", value, "it has to be a number")
+        found[field] = value
+    return found
 
 
 def _check_ready(station: Station) -> None:
