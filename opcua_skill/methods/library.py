@@ -15,7 +15,7 @@ from models.demonstration import Edits
 from models.learning import Verdict, VerdictKind, samples_along_path
 from models.motion import Trajectory
 from opcua_skill.atomic_skills import required_atomic_skills
-from opcua_skill.jobs import JobEngine, LearningRequest, PlanRefused
+from opcua_skill.jobs import JobEngine, LearningRequest, PlanRefused, motion_parameters
 from opcua_skill.methods.refusals import Code, out_of_range, refusing
 from opcua_skill.methods.values import (
     ReceivedDemonstrations,
@@ -245,7 +245,9 @@ class LibraryMethods:
     @refusing(blame="Recipe")
     async def put_recipe(self, given: Any) -> tuple[Any, ...]:
         """Store a recipe, new or changed."""
-        await self.library.put_recipe(recipe(given), caller().name)
+        checked = recipe(given)
+        motion_parameters(checked)
+        await self.library.put_recipe(checked, caller().name)
         return ()
 
     @refusing(blame="RecipeId")
