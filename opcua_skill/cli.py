@@ -9,7 +9,7 @@ import typer
 
 from models.errors import SkillError
 from opcua_skill.client.errors import ClientError
-from opcua_skill.commands import bench, certificates, demo, jobs, recipes, serve, skills, users
+from opcua_skill.commands import bench, certificates, demo, jobs, panel, recipes, serve, skills, users
 from opcua_skill.commands.faults import Fault
 
 app = typer.Typer(
@@ -20,7 +20,7 @@ app = typer.Typer(
 )
 app.command("demo")(demo.demo)
 app.command("serve")(serve.serve)
-app.command("panel")(serve.panel)
+app.command("panel")(panel.panel)
 app.command("learn")(skills.learn)
 app.add_typer(skills.app, name="skills")
 app.add_typer(recipes.app, name="recipes")

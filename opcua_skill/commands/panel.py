@@ -14,7 +14,9 @@ from opcua_skill.commands.output import note, say
 def panel(
     server: Server = DEFAULT_SERVER,
     port: Annotated[int, typer.Option(min=1, max=65535, help="port of the page")] = 8080,
-    host: Annotated[str, typer.Option(help="address to listen on; another than this machine's own needs TLS")] = "127.0.0.1",
+    host: Annotated[
+        str, typer.Option(help="address to listen on; another than this machine's own needs TLS")
+    ] = "127.0.0.1",
     certificate: Annotated[
         Path | None, typer.Option(exists=True, dir_okay=False, metavar="FILE", help="TLS certificate of the page (PEM)")
     ] = None,
@@ -42,4 +44,6 @@ def panel(
         run(server, address, on_ready=ready)
     except SystemExit as ended:
         if ended.code:
-            raise Fault(f"the panel cannot listen on port {port} of {host}: is another one running? try --port") from None
+            raise Fault(
+                f"the panel cannot listen on port {port} of {host}: is another one running? try --port"
+            ) from None

@@ -1,0 +1,117 @@
+"""The panel's process: pages, who may see them, and the web server under them."""
+
+import os
+import secrets
+import tempfile
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from fastapi import Request, Response
+from fastapi.responses import RedirectResponse
+from nicegui import app, ui
+from starlette.middleware.trustedhost import TrustedHostMiddleware
+
+from opcua_skill.panel.frame import STATIC, framed
+from opcua_skill.panel.pages.library import library_page
+from opcua_skill.panel.pages.sign_in import sign_in_page
+from opcua_skill.panel.sessions import Sessions
+
+LOOPBACK = ("127.0.0.1", "localhost", "[::1]", "::1")
+
+
+@dataclass(frozen=True, slots=True)
+class Address:
+    """Where the page is served. Another host than this machine needs a certificate: passwords go over it."""
+
+    host: str = "127.0.0.1"
+    port: int = 8080
+    certificate: Path | None = None
+    key: Path | None = None
+
+    def __post_init__(self) -> None:
+        if self.host not in LOOPBACK and not (self.certificate and self.key):
+            raise ValueError(
+                f"host {self.host} can be reached from other machines: give --certificate and --key (TLS) as well"
+            )
+
+    @property
+    def url(self) -> str:
+        """The address to open in a browser."""
+        return f"{'https' if self.certificate else 'http'}://{self.host}:{self.port}"
+
+    @property
+    def names(self) -> list[str]:
+        """The host names a browser may ask for: any other is a page of somebody else that was led here."""
+        return ["*"] if self.host in ("0.0.0.0", "::") else sorted({self.host, *LOOPBACK})
+
+
+def build(sessions: Sessions) -> None:
+    """Register the pages. Nothing is shown to a browser at which nobody is signed in, but the sign-in page."""
+
+    def signed_in(show: Callable[..., Awaitable[None]], here: str) -> Callable[..., Awaitable[Response | None]]:
+        async def page(request: Request, **given: Any) -> Response | None:
+            browser = request.session["id"]
+            session = sessions.of(browser)
+            if session is None:
+                return RedirectResponse(f"/sign-in?to={request.url.path}")
+            sessions.page_opened(browser)
+            ui.context.client.on_delete(lambda: sessions.page_closed(browser))
+            frame = framed(session, here)
+            await show(frame, **given)
+            return None
+
+        return page
+
+    @ui.page("/sign-in")
+    def sign_in(request: Request, to: str = "/") -> None:
+        sign_in_page(sessions, request.session["id"], to, request.headers.get("accept-language", ""))
+
+    @ui.page("/sign-out")
+    async def sign_out(request: Request) -> Response:
+        await sessions.sign_out(request.session["id"])
+        return RedirectResponse("/sign-in")
+
+    library = signed_in(library_page, "Library")
+
+    @ui.page("/")
+    async def _library(request: Request) -> Response | None:
+        return await library(request)
+
+    @app.get("/healthz")
+    def healthy() -> dict[str, bool]:
+        return {"ok": True}
+
+    @app.get("/readyz")
+    def ready() -> dict[str, bool]:
+        return {"ready": True}
+
+    app.add_static_files("/panel-static", STATIC)
+    app.on_shutdown(sessions.close)
+
+
+def run(server: str, address: Address, *, folder: Path | None = None, on_ready: Callable[[str], None]) -> None:
+    """Serve the panel until Ctrl-C. ``on_ready`` is called with the page's address once it can be opened."""
+    sessions = Sessions(server, folder)
+    build(sessions)
+    app.add_middleware(TrustedHostMiddleware, allowed_hosts=address.names)
+    app.on_startup(lambda: on_ready(address.url))
+    with tempfile.TemporaryDirectory(prefix="opcua-skill-panel-") as nothing_kept:
+        os.environ["NICEGUI_STORAGE_PATH"] = nothing_kept
+        tls: dict[str, Any] = {}
+        if address.certificate:
+            tls = {"ssl_certfile": str(address.certificate), "ssl_keyfile": str(address.key)}
+        ui.run(
+            host=address.host,
+            port=address.port,
+            title="opcua-skill",
+            favicon=STATIC / "panel.svg",
+            show=False,
+            reload=False,
+            show_welcome_message=False,
+            storage_secret=secrets.token_urlsafe(32),
+            session_middleware_kwargs={"same_site": "strict", "https_only": bool(address.certificate)},
+            reconnect_timeout=10.0,
+            **tls,
+        )

@@ -1,0 +1,239 @@
+"""What every page has: where one is, the arm's state in words, the connection, and Stop motion, always in reach.
+
+No page has a modal dialog, and no list covers the header: a browser test presses Stop motion in every state.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from nicegui import ui
+from nicegui.events import KeyEventArguments, ValueChangeEventArguments
+
+from opcua_skill.client import ClientError
+from opcua_skill.panel.session import PanelSession, Station
+from opcua_skill.panel.words import LANGUAGES, Words
+
+LOST = (
+    "No connection to the server. What you see here is old, and Stop motion does not reach the arm: "
+    "use the emergency stop of the machine."
+)
+STATIC = Path(__file__).parent / "static"
+REFRESH_EVERY = 0.25
+PAGES = (("Library", "/"), ("Teach", "/teach"), ("Run", "/run"), ("Records", "/records"))
+BACK_SHOWN = 20.0
+MODE_WORDS = {
+    "closed": "not in contact",
+    "idle": "at rest",
+    "running": "moving",
+    "paused": "paused on the path",
+    "stopping": "stopping",
+    "protective stop": "protective stop",
+    "fault": "fault",
+}
+
+
+@dataclass
+class Frame:
+    """One page of one browser: its session, its language, and what to do at each refresh."""
+
+    session: PanelSession
+    words: Words
+    refreshers: list[Callable[[], None]] = field(default_factory=list)
+
+    def on_refresh(self, do: Callable[[], None]) -> None:
+        """Have ``do`` called four times a second; it must only show what the session already knows."""
+        self.refreshers.append(do)
+        do()
+
+    async def asked(self, doing: str, work: Callable[[], object]) -> bool:
+        """Await ``work()``; what the server or the connection says against it is shown. Return whether it was done."""
+        try:
+            await work()  # type: ignore[misc]
+        except ClientError as error:
+            self.tell(f"{doing}: {error}", bad=True)
+            return False
+        return True
+
+    def tell(self, sentence: str, *, bad: bool = False) -> None:
+        """Show a sentence at the bottom of the page for some seconds; what went wrong stays until it is closed."""
+        sign = "✕ " if bad else "✓ "
+        ui.notify(
+            sign + sentence,
+            position="bottom",
+            type=None,
+            classes="told-bad" if bad else "told-good",
+            timeout=0 if bad else 5000,
+            close_button=self.words("Close") if bad else False,
+            multi_line=True,
+        )
+
+
+def choose(
+    options: list[str] | dict[str, str],
+    value: str | None,
+    on_change: Callable[[ValueChangeEventArguments[Any]], Any] | None = None,
+    label: str | None = None,
+) -> ui.select:
+    """Return a drop-down list that never becomes a dialog, not even on a tablet: a dialog would cover Stop motion."""
+    made = ui.select(options, value=value, on_change=on_change, label=label)
+    return made.props("behavior=menu dense outlined options-dense")
+
+
+def arm_words(words: Words, station: Station) -> str:
+    """Return the state of an arm in words."""
+    if station.arm is None:
+        return words("state unknown")
+    mode = station.arm.mode
+    return words(MODE_WORDS[mode]) if mode in MODE_WORDS else mode
+
+
+def stopped(station: Station) -> bool:
+    """Whether the arm waits for a reset."""
+    return station.arm is not None and (station.arm.mode == "protective stop" or bool(station.arm.fault))
+
+
+def may_move(station: Station) -> bool:
+    """Whether something moves at a workstation, or could: also when nobody knows."""
+    return station.arm is None or not station.arm.at_rest or bool(station.active)
+
+
+def framed(session: PanelSession, here: str) -> Frame:
+    """Build header, banners and keyboard of a page; the page goes on below."""
+    words = Words(session.language)
+    frame = Frame(session, words)
+    ui.add_css(STATIC / "panel.css")
+    ui.colors(primary="#1f5fa8", secondary="#5b6b7b", accent="#1f5fa8", positive="#2e7d32", negative="#c62828")
+    ui.query("html").props(f"lang={session.language}")
+    ui.page_title(f"{words(here)} · opcua-skill")
+    with ui.header(wrap=False).classes("panel-header"):
+        with ui.element("nav").classes("panel-nav"):
+            for name, target in PAGES:
+                link = ui.link(words(name), target).classes("panel-link")
+                if name == here:
+                    link.classes("panel-here").props("aria-current=page")
+        ui.space()
+        _station_and_connection(frame)
+        _person(frame)
+        ui.button(on_click=lambda: _stop(frame, "button")).classes("stop-motion").props(
+            "unelevated no-caps color=negative icon=front_hand"
+        ).mark("stop").bind_text_from(session, "station_name", lambda name: f"{words('Stop motion')} {name}")
+    _banners(frame)
+    ui.keyboard(on_key=lambda key: _key(frame, key), ignore=[], repeating=False)
+    ui.timer(REFRESH_EVERY, lambda: _refresh(frame))
+    return frame
+
+
+def _refresh(frame: Frame) -> None:
+    for do in frame.refreshers:
+        do()
+
+
+def _station_and_connection(frame: Frame) -> None:
+    session, words = frame.session, frame.words
+
+    def moved(event: ValueChangeEventArguments[Any]) -> None:
+        session.station_name = event.value
+
+    if len(session.stations) > 1:
+        choose(list(session.stations), value=session.station_name, on_change=moved).classes("station-choice").props(
+            f'aria-label="{words("Workstation")}" bg-color=white'
+        )
+    with ui.element("div").classes("panel-state"):
+        arm = ui.label().classes("panel-arm").mark("arm-state")
+        connection = ui.label().classes("panel-connection").mark("connection")
+
+    def show() -> None:
+        arm.text = f"{session.station_name}: {arm_words(words, session.station)}"
+        arm.classes(toggle=None, remove="state-bad state-moving")
+        if stopped(session.station) or session.station.arm is None:
+            arm.classes("state-bad")
+        elif may_move(session.station):
+            arm.classes("state-moving")
+        connection.text = f"● {words('connected')}" if session.connected else f"○ {words('NO CONNECTION')}"
+        connection.classes(remove="state-bad") if session.connected else connection.classes("state-bad")
+
+    frame.on_refresh(show)
+
+
+def _person(frame: Frame) -> None:
+    session, words = frame.session, frame.words
+
+    def speak(language: str) -> None:
+        session.language = language
+        ui.navigate.reload()
+
+    with ui.element("div").classes("panel-person"):
+        ui.label(session.user).classes("panel-user")
+        with ui.row().classes("panel-small"):
+            for language in LANGUAGES:
+                button = ui.link(language.upper(), "#").on("click.prevent", lambda _, one=language: speak(one))
+                button.classes("panel-language" + (" panel-here" if language == session.language else ""))
+            ui.link(words("Sign out"), "/sign-out").classes("panel-language")
+
+
+def _banners(frame: Frame) -> None:
+    session, words = frame.session, frame.words
+    with ui.element("div").classes("banner banner-bad").mark("lost") as lost:
+        ui.label(words(LOST)).classes("banner-main")
+        why = ui.label().classes("banner-why")
+    with ui.element("div").classes("banner banner-good").mark("recovered") as back:
+        back_text = ui.label()
+    with ui.element("div").classes("banner banner-bad").mark("stop-told") as told:
+        told_text = ui.label()
+    with ui.element("div").classes("banner banner-stop").mark("protective-stop") as stop:
+        stop_text = ui.label().classes("banner-main")
+        reset = ui.button(words("Reset: the arm may move again"), on_click=lambda: _reset(frame)).props(
+            "no-caps outline color=white dense"
+        )
+    seen = {"recovered": session.times_recovered, "at": 0.0}
+    session.kept.setdefault("stop told", "")
+
+    def show() -> None:
+        lost.set_visibility(not session.connected)
+        why.text = session.why_not
+        if session.times_recovered != seen["recovered"]:
+            seen["recovered"], seen["at"] = session.times_recovered, datetime.now().timestamp()
+            since = f"{words('The connection is back since')} {datetime.now():%H:%M:%S}"
+            back_text.text = f"✓ {since}. {words('What you see is true again.')}"
+        back.set_visibility(session.connected and datetime.now().timestamp() - seen["at"] < BACK_SHOWN)
+        told_text.text = str(session.kept["stop told"])
+        told.set_visibility(bool(told_text.text))
+        halted = stopped(session.station)
+        stop.set_visibility(halted)
+        if halted:
+            arm = session.station.arm
+            assert arm is not None
+            stop_text.text = f"✋ {session.station_name}: {arm_words(words, session.station)}. {arm.fault}"
+        reset.set_visibility(session.may("reset"))
+
+    frame.on_refresh(show)
+
+
+async def _stop(frame: Frame, by: str) -> None:
+    session, words = frame.session, frame.words
+    station = session.station_name
+    outcome = await session.stop_motion(station, f"{session.user} pressed Stop motion at the panel ({by})")
+    if outcome.taken:
+        session.kept["stop told"] = ""
+        frame.tell(f"{words('Stop motion taken by')} {station} ({outcome.seconds * 1000:.0f} ms)")
+    else:
+        session.kept["stop told"] = (
+            f"✕ {words('STOP MOTION DID NOT REACH')} {station}! {words('Use the emergency stop.')} {outcome.reason}"
+        )
+    _refresh(frame)
+
+
+async def _reset(frame: Frame) -> None:
+    session, words = frame.session, frame.words
+    if await frame.asked(words("Reset"), lambda: session.client.workstation(session.station_name).reset()):
+        session.kept["stop told"] = ""
+        session.look_again()
+
+
+async def _key(frame: Frame, key: KeyEventArguments) -> None:
+    """Esc stops whatever moves. When all is known to be at rest it does nothing: closing a list must stop no arm."""
+    if key.action.keydown and key.key.escape and may_move(frame.session.station):
+        await _stop(frame, "Esc")

@@ -1,0 +1,84 @@
+"""The library: every skill, found by name, type or state."""
+
+from urllib.parse import quote
+
+from nicegui import ui
+
+from opcua_skill.client import SkillSummary
+from opcua_skill.panel.frame import Frame, choose
+from opcua_skill.panel.shown import moment, state_tag
+
+STATES = ("Learned", "Approved", "Rejected", "Retired")
+MOST = 200
+
+
+async def library_page(frame: Frame) -> None:
+    """Show the skills; a change that anybody makes is shown at once."""
+    words, session = frame.words, frame.session
+    with ui.element("div").classes("sheet stack"):
+        with ui.row().classes("w-full items-center gap-3"):
+            ui.label(words("Skills")).classes("sheet-title")
+            name = ui.input(placeholder=words("Name begins with …")).props("dense outlined clearable").mark("search")
+            state = choose({"": words("every state"), **{one: words(one) for one in STATES}}, value="").classes("w-40")
+            station = choose({"": words("every workstation"), **{one: one for one in session.stations}}, value="")
+            station.classes("w-48")
+            ui.space()
+            count = ui.label().classes("soft")
+        with ui.element("table").classes("panel-table").mark("skills") as table:
+            pass
+        nothing = ui.label().classes("soft")
+
+    found: list[SkillSummary] = []
+
+    async def find() -> None:
+        async def ask() -> None:
+            found[:] = await session.client.find_skills(
+                name_prefix=name.value or "", state=state.value, workstation=station.value, limit=MOST
+            )
+
+        if await frame.asked(words("Search"), ask):
+            show()
+
+    def show() -> None:
+        count.text = f"{len(found)} {words('skills')}" + (f" ({words('the first ones')})" if len(found) >= MOST else "")
+        nothing.text = (
+            "" if found else words("No skill matches. Teach one: draw it, upload recordings, or use a tracker.")
+        )
+        table.clear()
+        with table:
+            with ui.element("tr"):
+                for head in ("Skill", "Type", "Version", "State", "Taught by", "When", "Runs on"):
+                    with ui.element("th"):
+                        ui.label(words(head))
+            for one in found:
+                row(one)
+
+    def row(one: SkillSummary) -> None:
+        target = f"/skill/{quote(one.name, safe='')}"
+        with ui.element("tr").classes("clickable").on("click", lambda: ui.navigate.to(target)):
+            with ui.element("td"):
+                ui.link(one.name, target)
+            for cell in (one.semantic_type, str(one.version)):
+                with ui.element("td"):
+                    ui.label(cell)
+            with ui.element("td"):
+                ui.html(state_tag(words, one.state), sanitize=False)
+            for cell in (one.created_by, moment(one.created_at), ", ".join(one.workstations) or "–"):
+                with ui.element("td"):
+                    ui.label(cell)
+
+    for field in (name, state, station):
+        field.on_value_change(find)
+    await find()
+    seen = {"last": session.happenings[0].number if session.happenings else 0}
+
+    async def look() -> None:
+        """Search again when the library has changed: whoever changed it, here or elsewhere."""
+        newest = session.happenings[0].number if session.happenings else 0
+        if newest != seen["last"]:
+            fresh = [one.event for one in session.happenings if one.number > seen["last"]]
+            seen["last"] = newest
+            if any(event.source == "SkillLibrary" or "deployed" in event.message for event in fresh):
+                await find()
+
+    ui.timer(0.5, look)

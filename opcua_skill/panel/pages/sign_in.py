@@ -1,0 +1,60 @@
+"""Signing in: with the user name and password the OPC UA server knows."""
+
+from nicegui import ui
+
+from opcua_skill.client import ClientError
+from opcua_skill.panel.frame import STATIC
+from opcua_skill.panel.sessions import Sessions
+from opcua_skill.panel.words import LANGUAGES, Words, language_of
+
+NO_EMERGENCY_STOP = (
+    "Stop motion on this panel is a software function. It does not replace the emergency stop of the machine."
+)
+
+
+def sign_in_page(sessions: Sessions, browser: str, to: str, accepted: str) -> None:
+    """Ask who is there; go on to ``to``, a path of this panel."""
+    target = to if to.startswith("/") and not to.startswith("//") else "/"
+    ui.add_css(STATIC / "panel.css")
+    ui.colors(primary="#1f5fa8", negative="#c62828")
+
+    @ui.refreshable
+    def form(language: str) -> None:
+        words = Words(language)
+        ui.page_title(f"{words('Sign in')} · opcua-skill")
+        with ui.element("div").classes("sheet sign-in stack"):
+            with ui.row().classes("w-full justify-between items-center"):
+                ui.label(words("Operator panel")).classes("sheet-title")
+                with ui.row().classes("gap-2"):
+                    for one in LANGUAGES:
+                        link = ui.link(one.upper(), "#").on("click.prevent", lambda _, it=one: form.refresh(it))
+                        link.classes("panel-language" + (" panel-here" if one == language else ""))
+            ui.label(sessions.url).classes("soft small")
+            user = ui.input(words("User")).props("outlined autofocus autocomplete=username").classes("w-full")
+            password = (
+                ui.input(words("Password"), password=True)
+                .props("outlined autocomplete=current-password")
+                .classes("w-full")
+            )
+            wrong = ui.label().classes("check-bad").mark("wrong")
+            button = ui.button(words("Sign in")).props("no-caps unelevated").classes("w-full")
+
+            async def enter() -> None:
+                if not button.enabled:
+                    return
+                button.disable()
+                wrong.text = words("Signing in …")
+                try:
+                    await sessions.sign_in(browser, user.value or "", password.value or "", language)
+                except ClientError as error:
+                    wrong.text = f"✕ {error}"
+                    button.enable()
+                    return
+                ui.navigate.to(target)
+
+            button.on_click(enter)
+            for field in (user, password):
+                field.on("keydown.enter", enter)
+            ui.label(words(NO_EMERGENCY_STOP)).classes("soft small")
+
+    form(language_of(accepted))
