@@ -9,7 +9,7 @@ import typer
 
 from models.errors import SkillError
 from opcua_skill.client.errors import ClientError
-from opcua_skill.commands import bench, certificates, demo, jobs, panel, recipes, serve, skills, users
+from opcua_skill.commands import audit, bench, certificates, demo, jobs, panel, recipes, serve, skills, users
 from opcua_skill.commands.faults import Fault
 
 app = typer.Typer(
@@ -28,6 +28,7 @@ app.command("run")(jobs.run)
 app.add_typer(jobs.app, name="jobs")
 app.add_typer(users.app, name="users")
 app.add_typer(certificates.app, name="certificates")
+app.command("audit")(audit.audit)
 app.command("bench")(bench.bench)
 
 
