@@ -5,6 +5,10 @@ start and end of the reference open, for people who started late or let go early
 from the package of that name.
 """
 
+# numpy and scipy leave many results untyped: what leaves a function here is typed by its signature.
+# pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
+# pyright: reportMissingTypeStubs=false, reportAttributeAccessIssue=false
+
 import warnings
 from dataclasses import dataclass
 

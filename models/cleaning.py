@@ -1,5 +1,9 @@
 """From a recording to a clean motion: gaps, reflections, tremble. All windows are in seconds and millimetres, never in samples."""
 
+# numpy and scipy leave many results untyped: what leaves a function here is typed by its signature.
+# pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
+# pyright: reportMissingTypeStubs=false, reportAttributeAccessIssue=false
+
 from dataclasses import dataclass
 
 import numpy as np
@@ -73,7 +77,7 @@ def clean(demonstration: Demonstration, struck: frozenset[int], filter_window: f
     check(demonstration)
     times = demonstration.times - demonstration.times[0]
     points = np.array(demonstration.points, dtype=np.float64)
-    usable = np.isfinite(points).all(axis=1)
+    usable: Bools = np.asarray(np.isfinite(points).all(axis=1))
     usable[np.fromiter((index for index in struck if index < len(usable)), dtype=np.int64)] = False
     if int(usable.sum()) < 4:
         raise UnusableDemonstration("fewer than four samples are left after striking: include some again")

@@ -1,5 +1,9 @@
 """How good a path is: distances to a known path, smoothness."""
 
+# numpy and scipy leave many results untyped: what leaves a function here is typed by its signature.
+# pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
+# pyright: reportMissingTypeStubs=false, reportAttributeAccessIssue=false
+
 import numpy as np
 from scipy.spatial import cKDTree
 

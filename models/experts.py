@@ -8,6 +8,10 @@ mean path under these hand-overs. Both are stored in the same two arrays and rea
 Only the distance across the path counts in that fit: a point may slide along the path, which changes when, not where.
 """
 
+# numpy and scipy leave many results untyped: what leaves a function here is typed by its signature.
+# pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
+# pyright: reportMissingTypeStubs=false, reportAttributeAccessIssue=false
+
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,8 +26,8 @@ CORNER = 0.05
 STRAIGHT = 0.02
 CURVE_COMPONENTS = (6, 8, 10, 12, 16, 20, 24)
 CURVE_SHARPNESS = (0.35, 0.5)
-POLYGON_SHARPNESS = (1.0, 1.2, 1.4, 1.7, 2.0, 2.5, 3.0, 4.0)
-CORNER_MISS = 0.006
+POLYGON_SHARPNESS = (1.4, 1.7, 2.0, 2.5, 3.0, 4.0)
+CORNER_MISS = 0.004
 RMS_MISS = 0.0015
 MAX_MISS = 0.006
 UNCERTAINTY_RMS = 0.15
@@ -73,7 +77,7 @@ def fit_handover(mean: Floats, samples: Floats, uncertainty: float, components: 
 
     ``samples`` (r, 1 + d): clock and position of all demonstrations, for the mixture; ``uncertainty``: standard error of the mean
     in m; ``components``: how many, 0 to choose. A polygon gets one for each edge and the widest hand-over that does not
-    cut its corners by more than 0.6 % of the diagonal. A curve gets the fewest of 6 to 24, with the widest hand-over, that stay
+    cut its corners by 0.4 % of the diagonal more than the sharpest does. A curve gets the fewest of 6 to 24, with the widest hand-over, that stay
     within 0.15 % (rms) and 0.6 % (anywhere) of the diagonal from the mean, or within half of its standard error.
     """
     clock = np.linspace(0.0, 1.0, len(mean))
@@ -81,19 +85,15 @@ def fit_handover(mean: Floats, samples: Floats, uncertainty: float, components: 
     found, polygon = edges_of(mean)
     if polygon and components in {0, len(found) - 1}:
         tied = fit_tied(samples, in_bins(samples, clock[list(found)]))
-        for sharpness in POLYGON_SHARPNESS:
-            fit = _fit(mean, clock, _sharpened(tied, sharpness), True)
-            path = fit.handover.basis(np.linspace(0.0, 1.0, 4 * len(mean))) @ fit.coefficients
-            missed = [float(np.sqrt(((path - mean[corner]) ** 2).sum(axis=1)).min()) for corner in found]
-            if max(missed) <= CORNER_MISS * size:
-                break
-        return fit
+        fits = [_fit(mean, clock, _sharpened(tied, sharpness), True) for sharpness in POLYGON_SHARPNESS]
+        missed = [_corner_miss(fit, mean, found) for fit in fits]
+        return next(fit for fit, miss in zip(fits, missed, strict=True) if miss <= missed[-1] + CORNER_MISS * size)
     rms = max(RMS_MISS * size, UNCERTAINTY_RMS * uncertainty)
     furthest = max(MAX_MISS * size, UNCERTAINTY_MAX * uncertainty)
     tried: list[Fit] = []
     for count in (components,) if components else CURVE_COMPONENTS:
         tied = fit_tied(samples, in_bins(samples, np.linspace(0.0, 1.0, count + 1)))
-        for sharpness in CURVE_SHARPNESS if not components else (*CURVE_SHARPNESS, *POLYGON_SHARPNESS):
+        for sharpness in CURVE_SHARPNESS if not components else (*CURVE_SHARPNESS, 0.7, 1.0, *POLYGON_SHARPNESS):
             fit = _fit(mean, clock, _sharpened(tied, sharpness), False)
             if fit.rms <= rms and fit.furthest <= furthest:
                 return fit
@@ -127,6 +127,12 @@ def retimed(path: Floats, mean: Floats) -> Floats:
     where = segments[everyone, nearest] + along[everyone, nearest]
     where[0], where[-1] = 0.0, count - 1.0
     return np.minimum(np.maximum.accumulate(where), count - 1.0)
+
+
+def _corner_miss(fit: Fit, mean: Floats, found: tuple[int, ...]) -> float:
+    """Return the largest distance in m of a corner of the mean path from the fitted one."""
+    path = fit.handover.basis(np.linspace(0.0, 1.0, 4 * len(mean))) @ fit.coefficients
+    return max(float(np.sqrt(((path - mean[corner]) ** 2).sum(axis=1)).min()) for corner in found)
 
 
 def _sharpened(tied: Mixture, sharpness: float) -> Handover:
@@ -186,7 +192,7 @@ def _lines_across(handover: Handover, mean: Floats) -> Floats:
     missing = (across * (mean - basis @ usual)[:, None, :]).sum(axis=2)
     right = (basis.T @ missing / count).reshape(-1, 1)
     ends = basis[[0, -1]]
-    blocks = np.kron(ends, np.eye(dimension))
+    blocks = np.asarray(np.kron(ends, np.eye(dimension)), dtype=np.float64)
     solved = _constrained(square, right, blocks, (mean[[0, -1]] - ends @ usual).reshape(-1, 1))
     return usual + solved.reshape(width, dimension)
 
@@ -197,4 +203,4 @@ def _constrained(matrix: Floats, right: Floats, ends: Floats, values: Floats) ->
     whole = np.zeros((size + extra, size + extra))
     whole[:size, :size], whole[:size, size:], whole[size:, :size] = matrix, ends.T, ends
     whole[np.arange(size, size + extra), np.arange(size, size + extra)] = -1e-12
-    return np.linalg.solve(whole, np.concatenate([right, values]))[:size]
+    return np.asarray(np.linalg.solve(whole, np.concatenate([right, values]))[:size], dtype=np.float64)

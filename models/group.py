@@ -4,12 +4,16 @@ What belongs together is found on where the pen is, once place and size of each 
 it moves: so a corner meets a corner although people put it at different places. The mean is taken of the drawings as they lie.
 """
 
+# numpy and scipy leave many results untyped: what leaves a function here is typed by its signature.
+# pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
+# pyright: reportMissingTypeStubs=false, reportAttributeAccessIssue=false
+
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from models.alignment import medoid, warp, warp_fast
+from models.alignment import Indices, medoid, warp, warp_fast
 from models.demonstration import Bools, Floats
 from models.phase import arc_lengths, at
 
@@ -124,7 +128,7 @@ def mean_shape(points: Floats, weights: Floats) -> Floats:
     return (share * np.where(known, points, 0.0)).sum(axis=0) / np.maximum(share.sum(axis=0), 1e-12)
 
 
-def _open_sides(curves: Floats, shape: Floats, first: Floats, last: Floats) -> tuple[Bools, Bools]:
+def _open_sides(curves: Floats, shape: Floats, first: Indices, last: Indices) -> tuple[Bools, Bools]:
     """Return who (u,) started late and who let go early.
 
     Someone did if the drawing's end is far from the shape's: than 5 % of the diagonal and than three times the others' usual
@@ -139,7 +143,7 @@ def _open_sides(curves: Floats, shape: Floats, first: Floats, last: Floats) -> t
     return sides[0], sides[1]
 
 
-def _fading(first: Floats, last: Floats, late: Bools, early: Bools, points: int) -> Floats:
+def _fading(first: Indices, last: Indices, late: Bools, early: Bools, points: int) -> Floats:
     """Return weights (u, n): one, but rising over 5 % of the shape after a late start and falling before an early end."""
     instants = np.arange(points)[None, :]
     width = FADING * points

@@ -1,5 +1,9 @@
 """From demonstrations to a motion: ``learn`` and what is reported of it. The pipelines are ``models.recommended`` and ``models.paper``."""
 
+# numpy and scipy leave many results untyped: what leaves a function here is typed by its signature.
+# pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
+# pyright: reportMissingTypeStubs=false, reportAttributeAccessIssue=false
+
 from collections.abc import Sequence
 from dataclasses import asdict
 
@@ -7,9 +11,9 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from models.cleaning import CleanMotion, clean
-from models.correspondence import Fitted, Progress, mean_of
+from models.correspondence import Fitted, Progress, Remark, mean_of
 from models.demonstration import Demonstration, Edits, Floats
-from models.errors import MixedDemonstrations, SkillError, TooFewDemonstrations, UnlikelyUnits, UnknownDemonstration
+from models.errors import MixedDemonstrations, SkillError, TooFewDemonstrations, UnknownDemonstration, UnlikelyUnits
 from models.evaluation import smoothness
 from models.group import diagonal
 from models.motion import Motion
@@ -162,11 +166,12 @@ def _left_out(name: str, reason: str, fault: Fault) -> Verdict:
 
 
 def _verdict(name: str, fitted: Fitted, row: int) -> Verdict:
-    for remarks, kind, fault in (
+    cases: tuple[tuple[dict[int, Remark], VerdictKind, Fault], ...] = (
         (fitted.left_out, VerdictKind.LEFT_OUT, "odd"),
         (fitted.in_part, VerdictKind.USED_IN_PART, ""),
         (fitted.remarks, VerdictKind.USED, ""),
-    ):
+    )
+    for remarks, kind, fault in cases:
         if row in remarks:
             remark = remarks[row]
             return Verdict(name, kind, remark.reason, remark.place, remark.size, fault)

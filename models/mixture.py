@@ -6,6 +6,10 @@ priors to that formula in each maximisation step; then nothing is lost by storin
 maximisation as published, through scikit-learn; its priors are dropped and the formula puts others in their place.
 """
 
+# numpy and scipy leave many results untyped: what leaves a function here is typed by its signature.
+# pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
+# pyright: reportMissingTypeStubs=false, reportAttributeAccessIssue=false
+
 from dataclasses import dataclass
 
 import numpy as np
@@ -83,8 +87,9 @@ def fit_free(samples: Floats, start: Mixture) -> Mixture:
     )
     with threadpool_limits(limits=1):
         model.fit((samples - centre) / scale)
-    order = np.argsort(model.means_[:, 0], kind="stable")
-    return Mixture(model.means_[order] * scale + centre, model.covariances_[order] * scaling)
+    means, covariances = np.asarray(model.means_), np.asarray(model.covariances_)
+    order = np.argsort(means[:, 0], kind="stable")
+    return Mixture(means[order] * scale + centre, covariances[order] * scaling)
 
 
 def log_likelihood(samples: Floats, mixture: Mixture) -> float:

@@ -1,5 +1,9 @@
 """A learned motion: two arrays and what their columns mean. Every path, at any time step, comes from here by regression."""
 
+# numpy and scipy leave many results untyped: what leaves a function here is typed by its signature.
+# pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
+# pyright: reportMissingTypeStubs=false, reportAttributeAccessIssue=false
+
 import math
 from dataclasses import dataclass
 from typing import Literal

@@ -1,5 +1,9 @@
 """Demonstrations that do not fit the others: drawn twice, drawn backwards, another shape, off in one place."""
 
+# numpy and scipy leave many results untyped: what leaves a function here is typed by its signature.
+# pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
+# pyright: reportMissingTypeStubs=false, reportAttributeAccessIssue=false
+
 import numpy as np
 
 from models.alignment import costs, warp
@@ -85,7 +89,7 @@ def odd_ones(points: Floats, weights: Floats) -> dict[int, Remark]:
 
 def _median(points: Floats, weights: Floats) -> Floats:
     """Return the median (n, d) of the motions there are at each instant."""
-    nobody = ~np.isfinite(points).any(axis=(0, 2))
+    nobody = np.asarray(~np.isfinite(points).any(axis=(0, 2)))
     filled = np.where(nobody[None, :, None], mean_shape(points, weights), points)
     return np.nanmedian(filled, axis=0)
 

@@ -5,6 +5,10 @@ Only means and covariances are kept of the mixture, as the paper says. Its prior
 with the priors' formula gets another path than the mixture was fitted to: up to 0.1 mm on the paper's plate.
 """
 
+# numpy and scipy leave many results untyped: what leaves a function here is typed by its signature.
+# pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
+# pyright: reportMissingTypeStubs=false, reportAttributeAccessIssue=false
+
 import numpy as np
 
 from models.alignment import warp, warp_fast
@@ -61,7 +65,7 @@ def _to_longest(motions: list[CleanMotion], method: str, radius: int) -> tuple[C
             positions.append(warp_fast(reference.points, motion.points, radius))
         else:
             grid = np.linspace(0, len(motion.times) - 1, min(len(motion.times), MOST_SAMPLES))
-            other = at(grid, np.arange(len(motion.times)), motion.points)
+            other = at(grid, np.arange(len(motion.times), dtype=np.float64), motion.points)
             found = warp(reference.points[places], other[None]).positions[0]
             positions.append(np.interp(found, np.arange(len(grid)), grid))
     shape = (len(motions), len(places))

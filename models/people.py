@@ -4,6 +4,10 @@ Each person holds the pen a little turned, moved and scaled, misses each corner 
 waits at the ends and slows down at corners, wanders and trembles; the cameras add noise and, if asked, reflections.
 """
 
+# numpy and scipy leave many results untyped: what leaves a function here is typed by its signature.
+# pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
+# pyright: reportMissingTypeStubs=false, reportAttributeAccessIssue=false
+
 import numpy as np
 
 from models.demonstration import Demonstration, Floats

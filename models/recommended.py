@@ -1,5 +1,9 @@
 """The recommended pipeline: people laid upon each other, odd ones found, components over the path with chosen hand-overs."""
 
+# numpy and scipy leave many results untyped: what leaves a function here is typed by its signature.
+# pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
+# pyright: reportMissingTypeStubs=false, reportAttributeAccessIssue=false
+
 from dataclasses import replace
 
 import numpy as np
@@ -24,7 +28,6 @@ COVARIANCE_FLOOR = 1e-5
 
 def fit_recommended(motions: list[CleanMotion], options: LearningOptions, tell: Progress) -> Fitted:
     """Return the mixture of what the motions have in common."""
-    method, radius = options.alignment or "dtw", options.radius or 1
     in_part: dict[int, Remark] = {}
     left_out: dict[int, Remark] = {}
     motions = list(motions)
@@ -38,17 +41,15 @@ def fit_recommended(motions: list[CleanMotion], options: LearningOptions, tell: 
         for index in against_direction(curves):
             left_out[index] = Remark("drawn in the opposite direction: draw it again from the other end", None, None)
         rows = [row for row in rows if row not in left_out]
-    for turn in range(ROUNDS):
-        tell(0.4 + 0.1 * turn, "aligning")
-        chosen = [motions[row] for row in rows]
-        group = lay_upon_each_other(curves[rows], method, radius)
-        aligned = _taken(chosen, places[rows], group)
-        aligned = _evened(aligned)
-        odd = odd_ones(aligned.points, aligned.weights) if options.reject_outliers and turn < ROUNDS - 1 else {}
+    group, aligned = _laid(motions, curves, places, rows, options)
+    for turn in range(ROUNDS if options.reject_outliers else 0):
+        tell(0.5 + 0.05 * turn, "aligning")
+        odd = odd_ones(aligned.points, aligned.weights)
         if not odd:
             break
         left_out.update({rows[row]: remark for row, remark in odd.items()})
         rows = [row for i, row in enumerate(rows) if i not in odd]
+        group, aligned = _laid(motions, curves, places, rows, options)
     tell(0.7, "fitting")
     for i, row in enumerate(rows):
         if group.early[i] or group.late[i]:
@@ -73,6 +74,14 @@ def _curves(motions: list[CleanMotion]) -> tuple[Floats, Floats]:
         places.append(np.interp(np.linspace(0.0, 1.0, POINTS), travelled(motion), index))
         curves.append(at(places[-1], index, motion.points))
     return np.stack(curves), np.stack(places)
+
+
+def _laid(
+    motions: list[CleanMotion], curves: Floats, places: Floats, rows: list[int], options: LearningOptions
+) -> tuple[Group, Correspondence]:
+    """Return how the motions of these rows lie upon each other, and they themselves at even instants of their mean path."""
+    group = lay_upon_each_other(curves[rows], options.alignment or "dtw", options.radius or 1)
+    return group, _evened(_taken([motions[row] for row in rows], places[rows], group))
 
 
 def _until(motion: CleanMotion, sample: float) -> CleanMotion:
@@ -144,7 +153,7 @@ def _timing(aligned: Correspondence) -> tuple[float, Floats]:
     Each motion counts by the share of its own time, so that a slow one does not outweigh the others.
     """
     own = aligned.times - np.nanmin(aligned.times, axis=1, keepdims=True)
-    whole = np.isfinite(own[:, [0, -1]]).all(axis=1)
+    whole = np.asarray(np.isfinite(own[:, [0, -1]]).all(axis=1))
     used = own[whole] if whole.any() else own
     totals = np.nanmax(used, axis=1, keepdims=True)
     duration = float(np.median(totals))
@@ -172,7 +181,7 @@ def _mixture(fit: Fit, aligned: Correspondence, times: Floats, clock: str, durat
     width = line.shape[1]
     means = np.empty((components, 1 + width))
     covariances = np.empty((components, 1 + width, 1 + width))
-    known = np.isfinite(residuals).all(axis=2)
+    known = np.asarray(np.isfinite(residuals).all(axis=2))
     residuals = np.where(known[:, :, None], residuals, 0.0)
     size = diagonal(mean_of(aligned.points, aligned.weights))
     floor = np.full(width, (COVARIANCE_FLOOR * size) ** 2)
@@ -197,8 +206,8 @@ def _own_times(aligned: Correspondence, times: Floats) -> Floats:
     """Return each motion's time (u, n) in s on the common scale: those who drew only a part are laid upon the mean there."""
     result = np.empty_like(aligned.times)
     for row, own in enumerate(aligned.times):
-        known = np.flatnonzero(np.isfinite(own))
-        first, last = known[0], known[-1]
+        there = np.flatnonzero(np.isfinite(own))
+        first, last = there[0], there[-1]
         pace = (times[last] - times[first]) / max(float(own[last] - own[first]), 1e-9)
         result[row] = times[first] + (own - own[first]) * pace
     return result

@@ -1,0 +1,185 @@
+"""What ``learn`` promises, whatever it is given."""
+
+import hashlib
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from models.demonstration import Demonstration, Edits
+from models.errors import (
+    MixedDemonstrations,
+    OptionOutOfRange,
+    SkillError,
+    TooFewDemonstrations,
+    UnlikelyUnits,
+    UnknownDemonstration,
+)
+from models.learning import LearningOptions, VerdictKind, learn, samples_along_path
+from models.people import simulated_people
+
+ROOT = Path(__file__).parents[2]
+PROGRAM = """
+import hashlib
+from models.learning import LearningOptions, learn
+from models.people import simulated_people
+for preset in ("recommended", "paper"):
+    learned = learn(simulated_people(7, 3, reflections=True, early_release=1)[0], options=LearningOptions(preset=preset))
+    print(hashlib.sha256(learned.motion.means.tobytes() + learned.motion.covariances.tobytes()).hexdigest())
+"""
+
+
+def altered(demonstration: Demonstration, **changes: object) -> Demonstration:
+    """Return the demonstration with some of its fields replaced."""
+    fields = {name: getattr(demonstration, name) for name in demonstration.__slots__}
+    return Demonstration(**{**fields, **changes})  # type: ignore[arg-type]
+
+
+def test_the_same_demonstrations_give_the_same_bits_in_any_process() -> None:
+    answers = set()
+    for seed, threads in (("0", "1"), ("1", "2"), ("77", "4")):
+        environment = {**os.environ, "PYTHONHASHSEED": seed, "PYTHONPATH": str(ROOT)}
+        for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+            environment[name] = threads
+        done = subprocess.run(
+            [sys.executable, "-c", PROGRAM], env=environment, capture_output=True, text=True, check=True, timeout=120
+        )
+        answers.add(done.stdout)
+    assert len(answers) == 1
+
+
+@pytest.mark.parametrize("preset", ["recommended", "paper"])
+def test_learning_twice_in_one_process_gives_the_same_bits(preset: str) -> None:
+    people, _ = simulated_people(5, 4)
+    options = LearningOptions(preset=preset)  # type: ignore[arg-type]
+    digests = {
+        hashlib.sha256(motion.means.tobytes() + motion.covariances.tobytes()).hexdigest()
+        for motion in (learn(people, options=options).motion for _ in range(2))
+    }
+    assert len(digests) == 1
+
+
+@pytest.mark.parametrize("preset", ["recommended", "paper"])
+def test_one_bad_demonstration_gets_a_verdict_and_the_others_are_learned(preset: str) -> None:
+    people, _ = simulated_people(6, 5)
+    nothing = altered(people[1], points=np.full_like(people[1].points, np.nan))
+    still = altered(people[2], points=np.full_like(people[2].points, 0.01))
+    short = altered(people[3], times=people[3].times[:2], points=people[3].points[:2], triggers=people[3].triggers[:2])
+    given = [people[0], nothing, still, short, people[4], people[5]]
+    learned = learn(given, options=LearningOptions(preset=preset))  # type: ignore[arg-type]
+    assert [verdict.fault for verdict in learned.verdicts] == ["", "invalid", "invalid", "invalid", "", ""]
+    assert [verdict.demonstration_id for verdict in learned.verdicts] == [one.demonstration_id for one in given]
+    assert all(verdict.reason for verdict in learned.verdicts if verdict.kind == VerdictKind.LEFT_OUT)
+    assert [one.demonstration_id for one in learned.aligned] == ["person-01", "person-05", "person-06"]
+
+
+def test_fewer_than_two_usable_ones_are_refused_with_the_reasons() -> None:
+    people, _ = simulated_people(2, 6)
+    nothing = altered(people[1], points=np.full_like(people[1].points, np.nan))
+    with pytest.raises(TooFewDemonstrations, match="1 demonstration is usable, 2 are needed .*lost"):
+        learn([people[0], nothing])
+    with pytest.raises(TooFewDemonstrations, match="0 demonstrations"):
+        learn([])
+
+
+def test_millimetres_sent_as_metres_are_refused_with_the_hint() -> None:
+    people, _ = simulated_people(3, 7)
+    with pytest.raises(UnlikelyUnits, match="millimetres"):
+        learn([altered(one, points=one.points * 1000.0) for one in people])
+
+
+def test_one_in_another_unit_is_left_out() -> None:
+    people, _ = simulated_people(4, 7)
+    learned = learn([altered(people[0], points=people[0].points * 1000.0), *people[1:]])
+    assert learned.verdicts[0].fault == "invalid"
+    assert "unit" in learned.verdicts[0].reason
+
+
+def test_two_and_three_dimensions_are_not_mixed() -> None:
+    people, _ = simulated_people(3, 8)
+    deep = altered(people[0], points=np.column_stack([people[0].points, people[0].points[:, 0]]))
+    with pytest.raises(MixedDemonstrations, match="two dimensions"):
+        learn([deep, *people[1:]])
+
+
+def test_excluded_ones_are_left_out_and_struck_samples_are_not_used() -> None:
+    people, _ = simulated_people(5, 9)
+    struck = frozenset(range(100, 160))
+    edits = Edits(frozenset({"person-02"})).with_struck("person-01", struck)
+    learned = learn(people, edits)
+    assert learned.verdicts[1].fault == "excluded"
+    phases = learned.aligned[0].phases
+    assert np.isnan(phases[100:160]).all()
+    assert np.isfinite(phases[:100]).all()
+    assert len(phases) == len(people[0].times)
+
+
+def test_edits_that_name_what_is_not_there_are_refused() -> None:
+    people, _ = simulated_people(3, 10)
+    with pytest.raises(UnknownDemonstration, match="nobody"):
+        learn(people, Edits(frozenset({"nobody"})))
+    with pytest.raises(UnknownDemonstration, match="samples 0 to"):
+        learn(people, Edits().with_struck("person-01", frozenset({10**9})))
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"preset": "best"},
+        {"components": -1},
+        {"components": 65},
+        {"filter_window": float("nan")},
+        {"clock": "sun"},
+        {"alignment": "eye"},
+        {"radius": -3},
+        {"time_step": -0.1},
+        {"place": "moon"},
+    ],
+)
+def test_options_out_of_range_are_refused(options: dict[str, object]) -> None:
+    with pytest.raises(OptionOutOfRange, match=next(iter(options))) as refused:
+        LearningOptions(**options)  # type: ignore[arg-type]
+    assert refused.value.argument == "options"
+
+
+def test_every_error_is_a_skill_error_that_names_its_argument() -> None:
+    for error in (TooFewDemonstrations(0, 2), UnlikelyUnits("x"), UnknownDemonstration("x"), OptionOutOfRange("x")):
+        assert isinstance(error, SkillError)
+        assert error.argument in {"demonstrations", "options", "edits", "model"}
+
+
+def test_samples_of_the_learned_path_lead_to_the_raw_samples_there() -> None:
+    people, _ = simulated_people(5, 11)
+    learned = learn(people)
+    path = learned.motion.as_learned()
+    chosen = np.arange(200, 220)
+    struck = samples_along_path(learned.motion, learned.aligned, chosen.tolist())
+    assert set(struck) == {one.demonstration_id for one in people}
+    low, high = path.phases[199], path.phases[220]
+    for one in learned.aligned:
+        hit = np.array(sorted(struck[one.demonstration_id]))
+        assert len(hit) > 0
+        assert ((one.phases[hit] >= low) & (one.phases[hit] <= high)).all()
+    with pytest.raises(UnknownDemonstration):
+        samples_along_path(learned.motion, learned.aligned, [len(path.times)])
+
+
+@pytest.mark.parametrize("preset", ["recommended", "paper"])
+def test_aligned_demonstrations_share_their_times(preset: str) -> None:
+    people, _ = simulated_people(5, 12, early_release=1)
+    learned = learn(people, options=LearningOptions(preset=preset))  # type: ignore[arg-type]
+    for one in learned.aligned:
+        np.testing.assert_array_equal(one.times, learned.aligned[0].times)
+        assert one.points.shape == (len(one.times), 2)
+        assert one.triggers.shape == one.times.shape
+    assert (np.diff(learned.aligned[0].times) > 0).all()
+
+
+def test_progress_rises_to_one() -> None:
+    told: list[float] = []
+    learn(simulated_people(3, 13)[0], progress=lambda done, what: told.append(done))
+    assert told == sorted(told)
+    assert told[-1] == 1.0
