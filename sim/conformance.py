@@ -1,0 +1,305 @@
+"""What every arm must do, as tests to inherit from: see docs/how-to/write-an-arm.md.
+
+    class TestMyArm(ArmConformance):
+        def make_arm(self): return MyArm(...)
+
+Needs pytest with pytest-asyncio in its automatic mode. The plans are one straight line of 30 mm at 3 mm/s, 1 mm above
+the plate of the arm's ``part_frame``, with its travel; the arm has to stand at home when it is opened.
+"""
+
+import asyncio
+import math
+import time
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+
+from models.motion import Motion
+from sim import arms
+from sim.arm import Arm, ArmError, ArmFault, ArmMode, ArmModel, CommandRefused, Progress, StartRefused, Stopped, Trace
+from sim.kinematics import kinematics
+from sim.plan import MotionOrder, MotionPlan, plan_home, plan_motion
+
+LINE = 0.03
+
+
+def straight_line(length: float = LINE, duration: float = 20.0) -> Motion:
+    """Return a motion that is one straight line along x: a single component whose regression is exactly linear."""
+    spread = np.array([1.0, duration, length, 0.0]) / math.sqrt(12.0)
+    covariance = np.outer(spread, spread) + np.diag([0.0, 0.0, 1e-8, 1e-8])
+    mean = np.array([0.5, 0.5 * duration, 0.5 * length, 0.0])
+    return Motion(mean[None], covariance[None], "path", 2, duration, ((0.0, 1.0),), 0.01, "within")
+
+
+@lru_cache(maxsize=8)
+def line_plan(model: ArmModel, speed: float = 0.003) -> MotionPlan:
+    """Return the plan of the straight line on an arm."""
+    order = MotionOrder(time_step=0.004, timing="constant_speed", speed=speed, frame=model.part_frame)
+    return plan_motion(straight_line(), order, model, skill_digest="0" * 64, recipe_id="conformance")
+
+
+class ArmConformance:
+    """Inherit, give ``make_arm``, and loosen ``tracking`` or ``patience`` if the arm is a real one."""
+
+    tracking = 1e-4
+    """Largest distance in m of the measured nozzle from the commanded one."""
+    off_path = 1e-5
+    """Largest distance in m by which pause, resume, override and stop may leave the path."""
+    patience = 60.0
+    """Longest time in s to wait for anything."""
+
+    def make_arm(self) -> Arm:
+        """Return an arm that is not open yet."""
+        raise NotImplementedError
+
+    @asynccontextmanager
+    async def opened(self) -> AsyncIterator[Arm]:
+        """Give an open arm and close it afterwards, whatever happens."""
+        arm = self.make_arm()
+        await arm.open()
+        try:
+            yield arm
+        finally:
+            await arm.close()
+
+    async def test_opening_and_closing_twice_is_as_good_as_once(self) -> None:
+        arm = self.make_arm()
+        assert arm.state().mode is ArmMode.CLOSED
+        for _ in range(2):
+            await arm.open()
+        state = arm.state()
+        assert (state.mode, state.at_rest, state.known) == (ArmMode.IDLE, True, True)
+        assert np.abs(np.array(state.joints) - arm.model.home).max() < 2e-3
+        for _ in range(2):
+            await arm.close()
+        assert arm.state().mode is ArmMode.CLOSED
+
+    async def test_a_run_goes_through_every_sample_and_ends_at_rest_at_the_plans_end(self) -> None:
+        async with self.opened() as arm:
+            plan = line_plan(arm.model)
+            trace = await arm.run(plan, lambda _: None)
+            assert len(trace.times) == plan.samples
+            assert np.abs(trace.joints_commanded - plan.joints).max() < 1e-9
+            assert trace.tracking_error()[1] <= self.tracking
+            assert np.array_equal(trace.dispense, plan.dispense)
+            assert trace.source
+            state = arm.state()
+            assert state.at_rest
+            assert state.mode is ArmMode.IDLE
+            assert np.abs(np.array(state.joints) - plan.joints[-1]).max() < 2e-3
+
+    async def test_progress_rises_to_one_and_comes_at_most_twenty_times_a_second(self) -> None:
+        async with self.opened() as arm:
+            told: list[tuple[float, Progress]] = []
+            began = time.monotonic()
+            await arm.run(line_plan(arm.model), lambda progress: told.append((time.monotonic(), progress)))
+            took = time.monotonic() - began
+            fractions = [progress.fraction for _, progress in told]
+            assert fractions == sorted(fractions)
+            assert fractions[-1] == 1.0
+            assert len(told) <= 20 * took + 3
+
+    async def test_a_closed_arm_refuses(self) -> None:
+        arm = self.make_arm()
+        error = await refusal(arm.run(line_plan(arm.model), lambda _: None))
+        assert isinstance(error, StartRefused)
+
+    async def test_a_plan_that_is_not_whole_or_not_for_this_arm_is_refused_and_nothing_moves(self) -> None:
+        async with self.opened() as arm:
+            plan = line_plan(arm.model)
+            broken = plan.joints.copy()
+            broken[len(broken) // 2, 0] = np.nan
+            poisoned = replace(plan, joints=broken)
+            shifted = replace(plan, joints=plan.joints + 1e-6)
+            other = next(name for name in arms.names() if name != arm.model.name)
+            bad = {
+                "NaN, digest made to fit": replace(poisoned, digest=poisoned.content_digest()),
+                "changed after it was checked": shifted,
+                "without a digest": replace(plan, digest=""),
+                "made for another arm": line_plan(arms.load(other)),
+            }
+            before = arm.state().joints
+            for what, plan in bad.items():
+                error = await refusal(arm.run(plan, lambda _: None))
+                assert isinstance(error, StartRefused), what
+                assert error.failure == "ParameterInvalid", what
+                assert arm.state().joints == before, what
+                assert arm.state().mode is ArmMode.IDLE, what
+
+    async def test_two_runs_at_once_are_refused(self) -> None:
+        async with self.running() as (arm, run):
+            error = await refusal(arm.run(line_plan(arm.model), lambda _: None))
+            assert isinstance(error, StartRefused)
+            assert error.failure == "Busy"
+            assert not run.done()
+
+    async def test_a_pause_rests_on_the_path_and_only_resume_ends_it(self) -> None:
+        async with self.running() as (arm, run):
+            await arm.pause("a look")
+            state = arm.state()
+            assert (state.mode, state.at_rest) == (ArmMode.PAUSED, True)
+            error = await refusal(arm.run(line_plan(arm.model), lambda _: None))
+            assert isinstance(error, StartRefused)
+            await arm.set_override(0.9)
+            assert arm.state().mode is ArmMode.PAUSED
+            await arm.set_override(1.0)
+            await arm.resume()
+            trace = await asyncio.wait_for(run, self.patience)
+            assert left_path(trace, line_plan(arm.model)) <= self.off_path
+            assert trace.tracking_error()[1] <= self.tracking
+            assert arm.state().at_rest
+
+    async def test_a_stop_rests_on_the_path_and_says_who_wished_it(self) -> None:
+        async with self.running() as (arm, run):
+            await arm.stop("operator pressed stop")
+            assert arm.state().at_rest
+            ended = await outcome(run)
+            assert isinstance(ended, Stopped)
+            assert ended.because == "operator pressed stop"
+            assert left_path(ended.trace, line_plan(arm.model)) <= self.off_path
+            assert not ended.trace.dispense[-1]
+            assert arm.state().mode is ArmMode.IDLE
+
+    async def test_a_stop_ends_a_pause(self) -> None:
+        async with self.running() as (arm, run):
+            await arm.pause("a look")
+            await arm.stop("that was enough")
+            assert isinstance(await outcome(run), Stopped)
+            assert arm.state().mode is ArmMode.IDLE
+
+    async def test_a_stop_in_the_approach_rests_too(self) -> None:
+        async with self.opened() as arm:
+            plan = line_plan(arm.model)
+            run = asyncio.create_task(arm.run(plan, lambda _: None))
+            await self.until(lambda: away(arm, plan.joints[0]) > 1e-3)
+            await arm.stop("changed my mind")
+            ended = await outcome(run)
+            assert isinstance(ended, Stopped)
+            assert ended.trace.path_times[-1] < plan.duration
+            assert arm.state().at_rest
+
+    async def test_after_a_stop_the_arm_asks_to_be_brought_home_first(self) -> None:
+        async with self.running() as (arm, run):
+            await arm.stop("operator pressed stop")
+            await outcome(run)
+            error = await refusal(arm.run(line_plan(arm.model), lambda _: None))
+            assert isinstance(error, StartRefused)
+            await arm.run(plan_home(arm.model, arm.state().joints), lambda _: None)
+            assert away(arm, np.array(arm.model.home)) < 2e-3
+            await arm.run(line_plan(arm.model, 0.02), lambda _: None)
+
+    async def test_cancelling_stops_the_arm(self) -> None:
+        async with self.running() as (arm, run):
+            run.cancel()
+            assert isinstance(await outcome(run), asyncio.CancelledError)
+            await self.until(lambda: arm.state().at_rest and arm.state().mode is ArmMode.IDLE)
+
+    async def test_closing_in_mid_motion_ends_the_run(self) -> None:
+        async with self.running() as (arm, run):
+            await arm.close()
+            assert isinstance(await outcome(run), Stopped | ArmFault)
+            assert arm.state().mode is ArmMode.CLOSED
+
+    async def test_an_override_out_of_range_is_refused_and_changes_nothing(self) -> None:
+        async with self.opened() as arm:
+            for fraction in (0.0, -0.5, 2.0, math.nan, math.inf):
+                error = await refusal(arm.set_override(fraction))
+                assert isinstance(error, CommandRefused), fraction
+                assert error.failure == "ParameterInvalid"
+                assert arm.state().override == 1.0
+
+    async def test_an_override_slows_the_run_down_on_the_same_path(self) -> None:
+        async with self.running() as (arm, run):
+            plan = line_plan(arm.model)
+            await arm.set_override(0.5)
+            trace = await asyncio.wait_for(run, self.patience)
+            assert trace.times[-1] > plan.duration * 1.05
+            assert trace.override.min() >= 0.5 - 1e-9
+            assert abs(float(trace.path_times[-1]) - plan.duration) < 1e-6
+            assert left_path(trace, plan) <= self.off_path
+            await arm.set_override(1.0)
+
+    async def test_a_protective_stop_holds_until_it_is_reset(self) -> None:
+        async with self.running() as (arm, run):
+            await arm.protective_stop("somebody reached in")
+            state = arm.state()
+            assert (state.at_rest, state.protective_stop, state.mode) == (True, True, ArmMode.PROTECTIVE_STOP)
+            ended = await outcome(run)
+            assert isinstance(ended, ArmFault)
+            assert ended.failure == "ProtectiveStop"
+            error = await refusal(arm.run(plan_home(arm.model, state.joints), lambda _: None))
+            assert isinstance(error, StartRefused)
+            assert error.failure == "ProtectiveStop"
+            await arm.reset()
+            assert arm.state().mode is ArmMode.IDLE
+            assert away(arm, np.array(state.joints)) < 1e-3
+            await arm.run(plan_home(arm.model, arm.state().joints), lambda _: None)
+
+    async def test_commands_without_a_run_are_refused_and_a_stop_at_rest_changes_nothing(self) -> None:
+        async with self.opened() as arm:
+            await arm.stop("nothing to stop")
+            assert arm.state().mode is ArmMode.IDLE
+            for command in (arm.pause("nothing to pause"), arm.resume()):
+                assert isinstance(await refusal(command), CommandRefused)
+
+    @asynccontextmanager
+    async def running(self) -> "AsyncIterator[tuple[Arm, asyncio.Task[Trace]]]":
+        """Give an arm in the middle of the learned path, with its run."""
+        async with self.opened() as arm:
+            plan = line_plan(arm.model)
+            middle = plan.joints[sum(plan.path_rows) // 4]
+            seen: list[float] = []
+            run = asyncio.create_task(arm.run(plan, lambda progress: seen.append(progress.time)))
+            start = float(plan.times[plan.path_rows[0]])
+            await self.until(lambda: bool(seen and seen[-1] > start) or away(arm, middle) < 5e-3 or run.done())
+            assert not run.done(), "the run was over before anything could be tried: make the arm slower"
+            try:
+                yield arm, run
+            finally:
+                await arm.stop("the test is over")
+                await asyncio.wait({run}, timeout=self.patience)
+
+    async def until(self, condition: Callable[[], bool]) -> None:
+        """Wait for a condition, with a limit."""
+        limit = time.monotonic() + self.patience
+        while not condition():
+            assert time.monotonic() < limit, "waited in vain"
+            await asyncio.sleep(0)
+
+
+def away(arm: Arm, joints: np.ndarray) -> float:
+    """Return how far in rad the arm's joints are from others, the worst joint."""
+    return float(np.abs(np.array(arm.state().joints) - joints).max())
+
+
+def left_path(trace: Trace, plan: MotionPlan) -> float:
+    """Return how far in m the commanded nozzle ever was from the plan's own way."""
+    tool = kinematics(arms.load(plan.arm)).forward(trace.joints_commanded)[0]
+    rows = np.clip(np.searchsorted(plan.times, trace.path_times) - 1, 0, plan.samples - 2)
+    start, chord = plan.tool[rows], plan.tool[rows + 1] - plan.tool[rows]
+    size = np.maximum((chord**2).sum(axis=1), 1e-30)
+    part = np.clip(((tool - start) * chord).sum(axis=1) / size, 0.0, 1.0)
+    return float(np.sqrt(((tool - start - part[:, None] * chord) ** 2).sum(axis=1)).max())
+
+
+async def refusal(command: Awaitable[object]) -> ArmError:
+    """Return the error with which a command was refused."""
+    try:
+        await command
+    except ArmError as error:
+        return error
+    raise AssertionError("it was not refused")
+
+
+async def outcome(run: "asyncio.Task[Trace]") -> BaseException:
+    """Return the exception with which a run ended."""
+    await asyncio.wait({run}, timeout=60.0)
+    assert run.done(), "the run did not end"
+    if run.cancelled():
+        return asyncio.CancelledError()
+    error = run.exception()
+    assert error is not None, "the run ended as if nothing had happened"
+    return error
