@@ -20,7 +20,7 @@ def audit(
     """Show the audit trail of a server, the newest entries first."""
     found = with_library(load_settings(config, data=data), lambda library: library.audit_trail(limit, before))
     if as_json:
-        print_json([entry.model_dump() for entry in found])
+        print_json(found)
         return
     rows = [
         (entry.entry_id, when(entry.at), entry.actor or "–", entry.role, entry.action, entry.status, entry.reason)
