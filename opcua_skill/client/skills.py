@@ -8,7 +8,7 @@ from pathlib import Path as FilePath
 
 import numpy as np
 
-from models.demonstration import Demonstration
+from models.demonstration import Demonstration, Edits
 from opcua_skill.client import wire
 from opcua_skill.client.errors import TookTooLong
 from opcua_skill.client.session import Event, Session
@@ -178,6 +178,28 @@ class SkillClient:
             Comment=wire.string(comment),
         )
         return int(new)
+
+    async def learn_again(
+        self, skill_name: str, version: int, edits: Edits, *, comment: str = ""
+    ) -> tuple[str, str, int]:
+        """Learn a new version from a version's recordings with exactly these edits: also fewer than before.
+
+        Returns job id, its state, and the new version, 0 while the job still runs.
+        """
+        made = self.session.structure("DemonstrationEditsDataType")
+        entries = [
+            made(DemonstrationId=name, Excluded=name in edits.excluded, Struck=sorted(edits.struck.get(name, ())))
+            for name in sorted({*edits.excluded, *edits.struck})
+        ]
+        job_id, state, new = await self.session.call(
+            LIBRARY,
+            "LearnAgain",
+            SkillName=wire.string(skill_name),
+            Version=wire.uint32(version),
+            Edits=wire.structure_array(entries),
+            Comment=wire.string(comment),
+        )
+        return job_id, state, int(new)
 
     async def approve(self, skill_name: str, version: int, model_digest: bytes, comment: str = "") -> str:
         """Approve exactly the model with this digest; return the version's state."""

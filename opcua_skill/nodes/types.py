@@ -54,6 +54,11 @@ LEARNING_OPTIONS = (
     Field("TimeStep", DOUBLE, description="s, of the reported path; 0: the preset's"),
     Field("Seed", UINT32, description="of random numbers, where an option uses any"),
 )
+DEMONSTRATION_EDITS = (
+    Field("DemonstrationId", STRING, description="a recording of the version"),
+    Field("Excluded", BOOLEAN, description="leave it out altogether"),
+    Field("Struck", UINT32, array=True, description="samples of the recording to leave out"),
+)
 SKILL_SUMMARY = (
     Field("Name", STRING),
     Field("Version", UINT32),
@@ -255,6 +260,7 @@ async def add_types(tree: Tree) -> None:
     for name, fields in (
         ("DemonstrationDataType", DEMONSTRATION),
         ("LearningOptionsDataType", LEARNING_OPTIONS),
+        ("DemonstrationEditsDataType", DEMONSTRATION_EDITS),
         ("SkillSummaryDataType", SKILL_SUMMARY),
         ("RecipeDataType", RECIPE),
         ("JobReportDataType", _job_report(failure)),

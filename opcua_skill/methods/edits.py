@@ -1,0 +1,59 @@
+"""Learning a version again with other edits: what an operator left out and struck, restored and included again."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from library.errors import NotFound
+from library.store import SkillLibrary
+from library.values import check_text
+from models.demonstration import Edits
+from opcua_skill.jobs import JobEngine, LearningRequest
+from opcua_skill.methods.refusals import out_of_range, refusing
+from opcua_skill.settings import Settings
+from opcua_skill.stack.access import caller
+
+
+@dataclass(frozen=True)
+class EditMethods:
+    """The handler of LearnAgain."""
+
+    library: SkillLibrary
+    jobs: JobEngine
+    settings: Settings
+
+    @refusing(blame="Edits", fields={"comment": "Comment"})
+    async def learn_again(self, skill_name: str, version: int, given: list[Any], comment: str) -> tuple[Any, ...]:
+        """Learn a new version from a version's recordings with exactly these edits, one entry a recording at most."""
+        check_text(comment, "comment", 2000)
+        description = await self.library.description(skill_name, version)
+        recordings = await self.library.recordings(skill_name, description.version)
+        lengths = {one.demonstration_id: len(one.times) for one in recordings}
+        excluded: set[str] = set()
+        struck: dict[str, frozenset[int]] = {}
+        for edit in given:
+            name = edit.DemonstrationId
+            if name not in lengths:
+                raise NotFound("demonstration", name)
+            if name in struck:
+                raise out_of_range("Edits", f"there are two entries for demonstration {name}")
+            struck[name] = frozenset(edit.Struck or ())
+            if struck[name] and max(struck[name]) >= lengths[name]:
+                last = lengths[name] - 1
+                raise out_of_range("Edits", f"{name} has samples 0 to {last}, {max(struck[name])} was named")
+            if edit.Excluded:
+                excluded.add(name)
+        outcome = await self.jobs.learn(
+            LearningRequest(
+                skill_name=skill_name,
+                semantic_type=description.semantic_type,
+                required_atomic_skills=description.required_atomic_skills,
+                recordings=recordings,
+                edits=Edits(frozenset(excluded), {name: samples for name, samples in struck.items() if samples}),
+                options=await self.library.options(skill_name, description.version),
+                actor=caller().name,
+                comment=comment,
+                based_on=description.version,
+            ),
+            answer_within=self.settings.learning.answer_within,
+        )
+        return (outcome.report.job_id, outcome.report.state.value, outcome.report.skill_version)
