@@ -12,7 +12,8 @@ class SecuritySettings:
 
     ``folder`` holds the server's key and certificate and the trust list. ``host_names`` are further names or addresses
     under which clients reach the server; they go into its certificate. ``policies`` are always used with
-    SignAndEncrypt. The three ``insecure_`` switches are shown by ``SkillServer.insecure`` and in the log.
+    SignAndEncrypt. The server registers itself with each of the ``discovery_servers``. The three ``insecure_`` switches
+    are shown by ``SkillServer.insecure`` and in the log.
     """
 
     folder: Path
@@ -21,6 +22,7 @@ class SecuritySettings:
     application_name: str = "opcua-skill"
     host_names: tuple[str, ...] = ()
     policies: tuple[str, ...] = POLICIES
+    discovery_servers: tuple[str, ...] = ()
     insecure_no_encryption: bool = False
     insecure_anonymous: bool = False
     insecure_trust_every_client: bool = False

@@ -8,6 +8,7 @@ from asyncua import ua
 from asyncua.server.monitored_item_service import WhereClauseEvaluator
 from asyncua.ua.attribute_ids import AttributeIds
 from asyncua.ua.status_codes import StatusCodes as Codes
+from asyncua.ua.uaprotocol_auto import DataChangeFilter  # what is decoded: ua.DataChangeFilter is a child of it
 
 from opcua_skill.stack.limits import Limits
 from opcua_skill.stack.types import is_subtype
@@ -88,7 +89,7 @@ def data_filter_fault(wanted: Any) -> int:
     """Return the code to refuse a data change filter with, 0 for one that works."""
     if wanted is None or (isinstance(wanted, ua.ExtensionObject) and not wanted.TypeId.Identifier):
         return Codes.Good
-    if not isinstance(wanted, ua.DataChangeFilter):
+    if not isinstance(wanted, DataChangeFilter):
         return Codes.BadMonitoredItemFilterInvalid
     if wanted.DeadbandType == ua.DeadbandType.None_:
         return Codes.Good

@@ -3,6 +3,7 @@
 import asyncio
 import dataclasses
 import logging
+import secrets
 from collections.abc import Awaitable, Callable
 from datetime import UTC, datetime
 from typing import Any
@@ -18,10 +19,13 @@ from cryptography import x509
 from opcua_skill.security.settings import SecuritySettings
 from opcua_skill.security.trust import TrustList
 from opcua_skill.stack.access import Role, SignIn
+from opcua_skill.stack.audit import OnSignIn, SignInRecord, certificate_event, claimed, sign_in_event
 from opcua_skill.stack.calls import CheckedMethods
+from opcua_skill.stack.events import deliver
 from opcua_skill.stack.limits import Limits
 from opcua_skill.stack.sessions import Channel, Session, internal_user
 from opcua_skill.stack.subscriptions import Subscriptions
+from opcua_skill.stack.values import SERVER, status_name
 
 log = logging.getLogger(__name__)
 _WRITABLE = 1 << ua.AccessLevel.CurrentWrite
@@ -48,7 +52,8 @@ class SkillInternalServer(InternalServer):
         self.anonymous = security.insecure_anonymous
         self.no_encryption = security.insecure_no_encryption
         self.trust = None if security.insecure_trust_every_client else TrustList(security.folder)
-        self.on_sign_in: Callable[[Session, ua.ActivateSessionParameters, int], Awaitable[None]] | None = None
+        self.on_sign_in: OnSignIn | None = None
+        self.server_uri = security.application_uri
         self.on_session_closed: list[Callable[[str], Awaitable[None]]] = []
         self._write_roles: dict[ua.NodeId, frozenset[Role]] = {}
         self.on_write: dict[ua.NodeId, Callable[[Any], Awaitable[None]]] = {}
@@ -83,25 +88,33 @@ class SkillInternalServer(InternalServer):
         await max(left, key=Session.idle_for).close_session(True)
 
     async def admit_client(self, channel: Channel | None, params: ua.CreateSessionParameters) -> None:
-        """Refuse a client whose channel's certificate is not trusted, not its own, or not valid now."""
+        """Refuse a client whose channel is not encrypted, or whose certificate is not its own, valid and trusted."""
         if channel is None or channel.mode != ua.MessageSecurityMode.SignAndEncrypt or not channel.peer.certificate:
             if self.no_encryption:
                 return
             raise ServiceError(Codes.BadSecurityModeRejected)
+        certificate = x509.load_der_x509_certificate(channel.peer.certificate)
+        if code := await self._certificate_fault(certificate, channel, params):
+            subject = certificate.subject.rfc4514_string()
+            log.warning("client certificate %s from %s: %s", subject, channel.peer, status_name(code))
+            event = certificate_event(code, channel.peer.certificate, subject, str(channel.peer), self.server_uri)
+            await deliver(self, SERVER, event)
+            raise ServiceError(code)
+
+    async def _certificate_fault(
+        self, certificate: x509.Certificate, channel: Channel, params: ua.CreateSessionParameters
+    ) -> int:
         der = channel.peer.certificate
         if bytes(params.ClientCertificate or b"")[: len(der)] != der:
-            raise ServiceError(Codes.BadCertificateInvalid)
-        certificate = x509.load_der_x509_certificate(der)
+            return Codes.BadCertificateInvalid
         if not certificate.not_valid_before_utc <= datetime.now(UTC) <= certificate.not_valid_after_utc:
-            raise ServiceError(Codes.BadCertificateTimeInvalid)
+            return Codes.BadCertificateTimeInvalid
         if params.ClientDescription.ApplicationUri not in _uris(certificate):
-            raise ServiceError(Codes.BadCertificateUriInvalid)
+            return Codes.BadCertificateUriInvalid
         if self.trust is not None and not await asyncio.to_thread(self.trust.is_trusted, certificate):
             await asyncio.to_thread(self.trust.reject, certificate)
-            log.warning(
-                "client certificate %s from %s is not trusted", certificate.subject.rfc4514_string(), channel.peer
-            )
-            raise ServiceError(Codes.BadCertificateUntrusted)
+            return Codes.BadCertificateUntrusted
+        return Codes.Good
 
     def may_transfer(self, subscription_id: int, to: Session) -> int:
         """Return 0 if a session may take a subscription over from another of the same user and client, or why not."""
@@ -134,9 +147,18 @@ class SkillInternalServer(InternalServer):
             await oldest.close_session(True)
 
     async def told_sign_in(self, session: Session, params: ua.ActivateSessionParameters, code: int) -> None:
-        """Tell the audit hook how a sign-in ended."""
+        """Record how a sign-in ended, then tell it as an audit event."""
+        name, kind = claimed(params.UserIdentityToken)
+        good = code == Codes.Good
+        user, role = (session.identity.name, session.identity.role.value) if good else (name, "")
+        peer = str(session.channel.peer) if session.channel is not None else "?"
+        record = SignInRecord(user, role, kind, peer, session.session_id.to_string(), code)
         if self.on_sign_in is not None:
-            await self.on_sign_in(session, params, code)
+            try:
+                await self.on_sign_in(record)
+            except Exception:
+                log.exception("fault %s: a sign-in was not recorded", secrets.token_hex(4))
+        await deliver(self, SERVER, sign_in_event(record, self.server_uri))
 
     async def session_closed(self, session: Session) -> None:
         """Tell those who hold something for a session that it is over. One that fails does not silence the others."""

@@ -10,6 +10,7 @@ from asyncua.server.address_space import AddressSpace
 from asyncua.server.monitored_item_service import MonitoredItemData, MonitoredItemService
 from asyncua.ua.attribute_ids import AttributeIds
 from asyncua.ua.status_codes import StatusCodes as Codes
+from asyncua.ua.uaprotocol_auto import DataChangeFilter  # what is decoded: ua.DataChangeFilter is a child of it
 
 from opcua_skill.stack.filters import EventFilter, data_filter_fault, event_filter_fault
 from opcua_skill.stack.limits import Limits
@@ -82,7 +83,7 @@ class Items(MonitoredItemService):
         return result
 
     async def _create_data_change_monitored_item(self, params: Any) -> ua.MonitoredItemCreateResult:
-        if not isinstance(params.RequestedParameters.Filter, ua.DataChangeFilter):
+        if not isinstance(params.RequestedParameters.Filter, DataChangeFilter):
             params.RequestedParameters.Filter = None
         if not params.RequestedParameters.QueueSize:
             params.RequestedParameters.QueueSize = 1
@@ -106,7 +107,7 @@ class Items(MonitoredItemService):
         if code:
             result.StatusCode = status(code)
             return result
-        if isinstance(wanted.Filter, ua.EventFilter if for_events else ua.DataChangeFilter):
+        if isinstance(wanted.Filter, ua.EventFilter if for_events else DataChangeFilter):
             item.filter = wanted.Filter
             if for_events:
                 item.where_clause_evaluator = EventFilter(self.logger, self.aspace, item.filter.WhereClause)

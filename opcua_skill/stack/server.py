@@ -4,6 +4,7 @@ import asyncio
 import logging
 import math
 from collections.abc import Awaitable, Callable
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +13,16 @@ from asyncua import ua
 from asyncua.common.events import Event
 from asyncua.common.node import Node
 from asyncua.server.server import Server
+from asyncua.ua.object_ids import ObjectIds as Ids
 
 from opcua_skill.security.certificates import ApplicationCertificate, ensure_server_certificate
 from opcua_skill.security.settings import SecuritySettings
 from opcua_skill.stack.access import SignIn
+from opcua_skill.stack.audit import OnSignIn
 from opcua_skill.stack.calls import CallRecord, OnCall
+from opcua_skill.stack.capabilities import capabilities, product_version, tell
 from opcua_skill.stack.decoding import install
+from opcua_skill.stack.discovery import Registration
 from opcua_skill.stack.events import call_event, deliver
 from opcua_skill.stack.internal import SkillInternalServer
 from opcua_skill.stack.limits import Limits
@@ -43,8 +48,8 @@ class SkillServer(Server):
     """An OPC UA server a plant can leave running.
 
     ``await init()`` loads the address space and makes or loads the certificate, ``await start()`` opens the endpoint.
-    ``on_call`` is awaited after every call of a method that changes something, and after every refusal; then the audit
-    event is raised, so what is told has been written.
+    ``on_call`` is awaited after every call of a method that changes something, and after every refusal, ``on_sign_in``
+    after every sign-in that was let in or refused; then the audit event is raised: what is told has been written.
     """
 
     iserver: SkillInternalServer  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -55,6 +60,7 @@ class SkillServer(Server):
         security: SecuritySettings,
         *,
         on_call: OnCall | None = None,
+        on_sign_in: OnSignIn | None = None,
         limits: Limits | None = None,
     ) -> None:
         if asyncua.__version__ != ASYNCUA_VERSION:
@@ -66,6 +72,8 @@ class SkillServer(Server):
         install(self.stack_limits)
         super().__init__(iserver=SkillInternalServer(authenticate, security, self.stack_limits))
         self.iserver.method_service.on_call = self._called
+        self.iserver.on_sign_in = on_sign_in
+        self._registrations: list[Registration] = []
         self.name = security.application_name
         self.set_endpoint(security.endpoint)
         self.application_type = ua.ApplicationType.Server
@@ -109,6 +117,9 @@ class SkillServer(Server):
         )
         await self.load_certificate(self.certificate.certificate_file)
         await self.load_private_key(self.certificate.key_file)
+        await tell(self.iserver, capabilities(self.stack_limits, self.security))
+        now, release = datetime.now(UTC), product_version()
+        await self.set_build_info(self.product_uri, self.manufacturer_name, self.name, release, release, now)
 
     async def start(self) -> None:
         """Open the endpoint. Insecure settings are said in the log before the first client can connect."""
@@ -126,11 +137,22 @@ class SkillServer(Server):
             raise
         self._tell_real_port()
         log.info("listening on %s", self.url)
+        for url in self.security.discovery_servers:
+            registration = Registration(self, url)
+            self._registrations.append(registration)
+            registration.start()
 
     async def stop(self) -> None:
         """Close every connection and stop; calls that are still changing something get a moment to end."""
+        for registration in self._registrations:
+            await registration.stop()
         await self.iserver.method_service.drain(5.0)
         await super().stop()
+
+    async def set_service_level(self, level: int, *, because: str) -> None:
+        """Tell clients how well the server serves: from 200 healthy, from 2 degraded, 1 no data, 0 maintenance."""
+        log.info("service level %d: %s", level, because)
+        await tell(self.iserver, {Ids.Server_ServiceLevel: ua.Variant(level, ua.VariantType.Byte)})
 
     async def raise_event(self, node: Node | ua.NodeId, event: Event) -> None:
         """Give an event to the subscribers of a node, of its notifiers upwards, and of the Server object."""

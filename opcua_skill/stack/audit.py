@@ -1,0 +1,84 @@
+"""Who came to the door: sign-ins, refused sign-ins and refused certificates, as records and as audit events."""
+
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any
+
+from asyncua import ua
+from asyncua.common import event_objects
+from asyncua.common.events import Event
+from asyncua.ua.status_codes import StatusCodes as Codes
+
+from opcua_skill.stack.values import SERVER, status, status_name
+
+
+@dataclass(frozen=True, slots=True)
+class SignInRecord:
+    """How one sign-in ended. ``user`` is what the client claimed; ``role`` is empty unless it was let in."""
+
+    user: str
+    role: str
+    kind: str
+    peer: str
+    session_id: str
+    status: int
+
+    @property
+    def good(self) -> bool:
+        """Return whether the user was let in."""
+        return self.status == Codes.Good
+
+    @property
+    def status_name(self) -> str:
+        """Return the status code in words."""
+        return status_name(self.status)
+
+
+OnSignIn = Callable[[SignInRecord], Awaitable[None]]
+
+
+def claimed(token: Any) -> tuple[str, str]:
+    """Return the user name an identity token claims and what kind of token it is; never its secret."""
+    if isinstance(token, ua.UserNameIdentityToken):
+        return str(token.UserName or "")[:200], "password"
+    if isinstance(token, ua.X509IdentityToken):
+        return "", "certificate"
+    return "", "anonymous"
+
+
+def sign_in_event(record: SignInRecord, server_uri: str) -> Event:
+    """Return the AuditActivateSessionEvent of a sign-in."""
+    event = event_objects.AuditActivateSessionEvent()
+    who = record.user or record.kind
+    message = f"sign-in of {who} from {record.peer}: {'done' if record.good else record.status_name}"
+    _fill(event, message, "Session/ActivateSession", server_uri, record.status, record.user)
+    event.add_property("SessionId", _session(record.session_id), ua.VariantType.NodeId)
+    return event
+
+
+def certificate_event(code: int, certificate: bytes, subject: str, peer: str, server_uri: str) -> Event:
+    """Return the audit event of a client certificate that was refused."""
+    kind = event_objects.AuditCertificateUntrustedEvent
+    event = kind() if code == Codes.BadCertificateUntrusted else event_objects.AuditCertificateInvalidEvent()
+    message = f"certificate {subject} from {peer}: {status_name(code)}"
+    _fill(event, message, "Security/Certificate", server_uri, code, "")
+    event.add_property("Certificate", certificate, ua.VariantType.ByteString)
+    return event
+
+
+def _fill(event: Event, message: str, source: str, server_uri: str, code: int, user: str) -> None:
+    bad = code != Codes.Good
+    event.add_property("Message", ua.LocalizedText(message), ua.VariantType.LocalizedText)
+    event.add_property("Severity", 600 if bad else 100, ua.VariantType.UInt16)
+    event.add_property("SourceNode", SERVER, ua.VariantType.NodeId)
+    event.add_property("SourceName", source, ua.VariantType.String)
+    event.add_property("ActionTimeStamp", datetime.now(UTC), ua.VariantType.DateTime)
+    event.add_property("Status", not bad, ua.VariantType.Boolean)
+    event.add_property("ServerId", server_uri, ua.VariantType.String)
+    event.add_property("ClientUserId", user, ua.VariantType.String)
+    event.add_property("StatusCodeId", status(code), ua.VariantType.StatusCode)
+
+
+def _session(session_id: str) -> ua.NodeId:
+    return ua.NodeId.from_string(session_id)
