@@ -7,20 +7,15 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import median_filter
+from numpy.typing import NDArray
 
 from models.demonstration import Bools, Demonstration, Floats
+from models.despiking import reflections
 from models.errors import UnusableDemonstration
 
-DESPIKE_WINDOW = 0.15
-BRISK = 0.9
-JUMP = 8.0
-JUMP_REACH = 0.015
-LOOK_BACK = 50
+LEAST_SAMPLES = 4
+MOST_SAMPLES = 20_000
 FILTER_REACH = 0.02
-DESPIKE_PASSES = 4
-DESPIKE_FLOOR = 0.5e-3
-DEVIATION_FROM_MAD = 1.4826
 LONGEST_BRIDGE = 0.3
 WIDEST_BRIDGE = 0.05
 SHORTEST_MOTION = 1e-3
@@ -32,7 +27,8 @@ class CleanMotion:
     """A recording without its faults, on an even grid of time.
 
     ``times`` (n,) in s; ``points`` (n, d) in m; ``triggers`` (n,); ``known`` (n,): False inside gaps too long to bridge;
-    ``orientations`` (n, 4) or None; ``spikes``: raw samples taken for reflections; ``rate`` in samples a second.
+    ``orientations`` (n, 4) or None; ``used`` (r,): which raw samples are neither lost, struck nor reflections; ``gap``: the
+    longest stretch in s that is not known.
     """
 
     demonstration_id: str
@@ -42,7 +38,6 @@ class CleanMotion:
     known: Bools
     orientations: Floats | None
     used: Bools
-    spikes: int
     gap: float
 
 
@@ -56,14 +51,14 @@ def check(demonstration: Demonstration) -> None:
         raise UnusableDemonstration("times, positions and triggers differ in length: export the recording again")
     if demonstration.orientations is not None and demonstration.orientations.shape != (count, 4):
         raise UnusableDemonstration("orientations need four values (x y z w) a sample: export the recording again")
-    if count < 4:
+    if count < LEAST_SAMPLES:
         raise UnusableDemonstration(f"{count} samples are no motion: record it again")
     if not np.isfinite(times).all() or not (np.diff(times) > 0).all():
         raise UnusableDemonstration(
             "times have to be finite and to rise from sample to sample: export the recording again"
         )
     seen = np.isfinite(points).all(axis=1)
-    if int(seen.sum()) < 4:
+    if int(seen.sum()) < LEAST_SAMPLES:
         raise UnusableDemonstration("the marker was lost nearly throughout: check the cameras and record it again")
     if np.abs(points[seen]).max() > 1e6:
         raise UnusableDemonstration("positions beyond a thousand kilometres: check the export's units")
@@ -73,106 +68,81 @@ def check(demonstration: Demonstration) -> None:
 
 
 def clean(demonstration: Demonstration, struck: frozenset[int], filter_window: float, despiking: bool) -> CleanMotion:
-    """Return the recording despiked (if asked), bridged and smoothed by a moving average of ``filter_window`` s."""
+    """Return the recording bridged and smoothed by a moving average of ``filter_window`` s.
+
+    With ``despiking`` reflections are taken out first, recordings faster than 200 samples a second are thinned by medians, and
+    the filter is never longer than the hand needs for 2 % of the drawing, so that fast people keep their corners.
+    """
     check(demonstration)
     times = demonstration.times - demonstration.times[0]
-    points = np.array(demonstration.points, dtype=np.float64)
+    points = np.asarray(demonstration.points, dtype=np.float64)
     usable: Bools = np.asarray(np.isfinite(points).all(axis=1))
     usable[np.fromiter((index for index in struck if index < len(usable)), dtype=np.int64)] = False
-    if int(usable.sum()) < 4:
-        raise UnusableDemonstration("fewer than four samples are left after striking: include some again")
-    spikes = np.zeros(len(points), dtype=bool)
-    if despiking:
-        spikes[usable] = reflections(times[usable], points[usable])
-        usable &= ~spikes
-    first, last = np.flatnonzero(usable)[[0, -1]]
     kept = np.flatnonzero(usable)
-    step = max(float(np.median(np.diff(times[kept]))), FINEST_STEP if despiking else 0.0)
-    count = max(4, round((times[last] - times[first]) / step) + 1)
-    grid = np.linspace(times[first], times[last], count)
-    even = _resampled(times[kept], points[kept], grid)
+    if len(kept) < LEAST_SAMPLES:
+        raise UnusableDemonstration("fewer than four samples are left after striking: include some again")
+    seen, places = times[kept], points[kept]
+    if despiking:
+        block = int(FINEST_STEP / float(np.median(np.diff(seen))))
+        middles, medians = _thinned(seen, places, block)
+        wrong = reflections(middles, medians)
+        usable[kept[np.repeat(wrong, _block_sizes(len(kept), block))]] = False
+        seen, places = middles[~wrong], medians[~wrong]
+        if len(seen) < LEAST_SAMPLES:
+            raise UnusableDemonstration("reflections throughout: check the cameras and record it again")
+    count = max(LEAST_SAMPLES, round((seen[-1] - seen[0]) / float(np.median(np.diff(seen)))) + 1)
+    grid = np.linspace(seen[0], seen[-1], min(count, MOST_SAMPLES))
+    even = _resampled(seen, places, grid)
     if despiking:
         filter_window = min(filter_window, _crossing_time(grid, even))
-    smooth = moving_average(even, round(filter_window * (count - 1) / (grid[-1] - grid[0])))
-    nearest = np.clip(np.searchsorted(times, grid), 1, len(times) - 1)
-    nearest -= (grid - times[nearest - 1]) < (times[nearest] - grid)
-    orientations = None
-    if demonstration.orientations is not None:
-        orientations = _resampled(times[kept], continuous(demonstration.orientations[kept]), grid)
-        orientations /= np.sqrt((orientations * orientations).sum(axis=1, keepdims=True))
-    known, gap = _without_gaps(times[kept], points[kept], grid)
+    smooth = moving_average(even, round(filter_window * (len(grid) - 1) / (grid[-1] - grid[0])))
+    known, gap = _without_gaps(seen, places, grid)
     return CleanMotion(
         demonstration.demonstration_id,
         grid,
         smooth,
-        demonstration.triggers[nearest],
+        demonstration.triggers[_nearest(times, grid)],
         known,
-        orientations,
+        _turned(times[usable], demonstration.orientations, usable, grid),
         usable,
-        int(spikes.sum()),
         gap,
     )
 
 
-def reflections(times: Floats, points: Floats) -> Bools:
-    """Return which samples (n,) are no positions of the hand: off its track, or off the median of their neighbours.
-
-    Hampel's test, over all axes together: a sample is a reflection if it is further from the running median (0.15 s) than
-    three deviations (from the running median of those distances), than 0.5 mm and than a brisk hand comes in that time.
-    """
-    found = _off_the_track(times, points)
-    for _ in range(DESPIKE_PASSES):
-        kept = np.flatnonzero(~found)
-        if len(kept) < 8:
-            break
-        off = _off_the_median(times[kept], points[kept])
-        if not off.any():
-            break
-        found[kept[off]] = True
-    return found
+def _thinned(times: Floats, points: Floats, block: int) -> tuple[Floats, Floats]:
+    """Return mean times (b,) and median points (b, d) of each ``block`` samples; the ends stay where they are."""
+    if block < 2:
+        return times, points
+    whole = len(times) // block * block
+    middles = times[:whole].reshape(-1, block).mean(axis=1)
+    medians = np.median(points[:whole].reshape(-1, block, points.shape[1]), axis=1)
+    if whole < len(times):
+        middles = np.append(middles, times[whole:].mean())
+        medians = np.concatenate([medians, np.median(points[whole:], axis=0)[None]])
+    middles[0], middles[-1] = times[0], times[-1]
+    return middles, medians
 
 
-def _off_the_track(times: Floats, points: Floats) -> Bools:
-    """Return which samples (n,) no hand could have reached: all but the longest chain of stretches without a jump.
-
-    A jump is a step eight times faster than a brisk one of this recording, and 1.5 % of the drawing more.
-    """
-    spans = np.diff(times)
-    speeds = np.sqrt((np.diff(points, axis=0) ** 2).sum(axis=1)) / spans
-    fastest = JUMP * float(np.quantile(speeds, BRISK))
-    extent = np.quantile(points, 0.95, axis=0) - np.quantile(points, 0.05, axis=0)
-    slack = JUMP_REACH * float(np.sqrt((extent * extent).sum()))
-    starts = np.concatenate([[0], np.flatnonzero(speeds * spans > fastest * spans + slack) + 1])
-    ends = np.append(starts[1:], len(points)) - 1
-    if len(starts) == 1:
-        return np.zeros(len(points), dtype=bool)
-    chain = (ends - starts + 1).astype(np.float64)
-    before = np.full(len(starts), -1)
-    for segment in range(1, len(starts)):
-        earlier = np.arange(max(0, segment - LOOK_BACK), segment)
-        away = np.sqrt(((points[ends[earlier]] - points[starts[segment]]) ** 2).sum(axis=1))
-        near = earlier[away <= fastest * (times[starts[segment]] - times[ends[earlier]]) + slack]
-        if len(near):
-            best = near[chain[near].argmax()]
-            chain[segment] += chain[best]
-            before[segment] = best
-    found = np.ones(len(points), dtype=bool)
-    segment = int(chain.argmax())
-    while segment >= 0:
-        found[starts[segment] : ends[segment] + 1] = False
-        segment = int(before[segment])
-    return found
+def _block_sizes(count: int, block: int) -> NDArray[np.int64]:
+    if block < 2:
+        return np.ones(count, dtype=np.int64)
+    sizes = np.full(-(-count // block), block, dtype=np.int64)
+    sizes[-1] = count - block * (len(sizes) - 1)
+    return sizes
 
 
-def _off_the_median(times: Floats, points: Floats) -> Bools:
-    half = max(2, round(0.5 * DESPIKE_WINDOW / float(np.median(np.diff(times)))))
-    window = 2 * min(half, (len(points) - 1) // 2) + 1
-    middle = np.column_stack([median_filter(axis, size=window, mode="nearest") for axis in points.T])
-    away = np.sqrt(((points - middle) ** 2).sum(axis=1))
-    usual = DEVIATION_FROM_MAD * median_filter(away, size=window, mode="nearest")
-    speeds = np.sqrt((np.diff(points, axis=0) ** 2).sum(axis=1)) / np.diff(times)
-    reach = 0.5 * DESPIKE_WINDOW * float(np.quantile(speeds, BRISK))
-    return away > np.maximum(3.0 * usual, max(DESPIKE_FLOOR, reach))
+def _nearest(times: Floats, grid: Floats) -> NDArray[np.int64]:
+    """Return the index (n,) of the sample that is nearest in time to each instant of the grid."""
+    after = np.clip(np.searchsorted(times, grid), 1, len(times) - 1)
+    return np.asarray(after - ((grid - times[after - 1]) < (times[after] - grid)), dtype=np.int64)
+
+
+def _turned(times: Floats, orientations: Floats | None, usable: Bools, grid: Floats) -> Floats | None:
+    """Return the unit quaternions (n, 4) on the grid, or None where none were recorded."""
+    if orientations is None:
+        return None
+    mixed = _resampled(times, continuous(orientations[usable]), grid)
+    return mixed / np.sqrt((mixed * mixed).sum(axis=1, keepdims=True))
 
 
 def moving_average(points: Floats, window: int) -> Floats:

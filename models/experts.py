@@ -27,7 +27,7 @@ STRAIGHT = 0.02
 CURVE_COMPONENTS = (6, 8, 10, 12, 16, 20, 24)
 CURVE_SHARPNESS = (0.35, 0.5)
 POLYGON_SHARPNESS = (1.4, 1.7, 2.0, 2.5, 3.0, 4.0)
-CORNER_MISS = 0.004
+CORNER_MISS = 0.003
 RMS_MISS = 0.0015
 MAX_MISS = 0.006
 UNCERTAINTY_RMS = 0.15
@@ -77,7 +77,7 @@ def fit_handover(mean: Floats, samples: Floats, uncertainty: float, components: 
 
     ``samples`` (r, 1 + d): clock and position of all demonstrations, for the mixture; ``uncertainty``: standard error of the mean
     in m; ``components``: how many, 0 to choose. A polygon gets one for each edge and the widest hand-over that does not
-    cut its corners by 0.4 % of the diagonal more than the sharpest does. A curve gets the fewest of 6 to 24, with the widest hand-over, that stay
+    cut its corners by 0.3 % of the diagonal more than the sharpest does. A curve gets the fewest of 6 to 24, with the widest hand-over, that stay
     within 0.15 % (rms) and 0.6 % (anywhere) of the diagonal from the mean, or within half of its standard error.
     """
     clock = np.linspace(0.0, 1.0, len(mean))

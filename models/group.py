@@ -21,6 +21,7 @@ POINTS = 256
 MEDOID_POINTS = 64
 MEDOID_CANDIDATES = 24
 ROUNDS = 2
+COARSE = 2
 DIRECTION_WEIGHT = 0.3
 DIRECTION_WIDTH = 0.02
 OPEN_DISTANCE = 0.05
@@ -86,14 +87,13 @@ def fitted_to(curves: Floats, positions: Floats, shape: Floats, weights: Floats)
 def lay_upon_each_other(curves: Floats, method: str, radius: int) -> Group:
     """Return how the curves (u, n, d), evenly sampled along their way, belong together."""
     count, points = curves.shape[:2]
-    reference = reference_of(curves)
-    shape = curves[reference]
+    shape = curves[reference_of(curves)]
     everyone = np.ones(count, dtype=bool)
-    loose = warp(shape, curves, everyone, everyone)
-    late, early = _open_sides(curves, shape, loose.first, loose.last)
-    found = warp(shape, curves, late, early)
-    positions = found.positions
-    weights = _fading(found.first, found.last, late, early, points)
+    loose = warp(shape[::COARSE], curves[:, ::COARSE], everyone, everyone)
+    first, last = loose.first * COARSE, loose.last * COARSE
+    late, early = _open_sides(curves, shape, first, last)
+    positions = _finer(loose.positions, points)
+    weights = _fading(first, last, late, early, points)
     for turn in range(ROUNDS):
         size = diagonal(shape)
         fitted = fitted_to(curves, positions, shape, weights)
@@ -104,13 +104,31 @@ def lay_upon_each_other(curves: Floats, method: str, radius: int) -> Group:
         last_turn = turn == ROUNDS - 1
         if method == "fastdtw" and last_turn:
             positions = np.stack([warp_fast(target, feature, radius) for feature in features])
+            weights = np.ones_like(positions)
+            first, last = np.zeros_like(first), np.full_like(last, points - 1)
             break
-        found = warp(target, features, late, early)
-        positions = found.positions
-        weights = _fading(found.first, found.last, late, early, points)
+        step = 1 if last_turn else COARSE
+        found = warp(target[::step], features[:, ::step], late, early)
+        first, last = found.first * step, found.last * step
+        positions = _finer(found.positions, points)
+        weights = _fading(first, last, late, early, points)
         if not last_turn:
             shape, positions, weights = _evened(mean_shape(taken(curves, positions), weights), positions, weights)
-    return Group(positions, found.first / (points - 1.0), found.last / (points - 1.0), late, early, weights)
+    return Group(positions, first / (points - 1.0), last / (points - 1.0), late, early, weights)
+
+
+def _finer(positions: Floats, points: int) -> Floats:
+    """Return positions (u, n) found on every other sample for all of them (u, points); NaN beyond what was found."""
+    step = points // positions.shape[1]
+    if step == 1:
+        return positions
+    index = np.arange(points, dtype=np.float64)
+    finer = np.full((len(positions), points), np.nan)
+    for u, own in enumerate(positions):
+        known = np.flatnonzero(np.isfinite(own))
+        inside = (index >= step * known[0]) & (index <= step * known[-1] + (step - 1) * (known[-1] == len(own) - 1))
+        finer[u, inside] = np.interp(index[inside], step * known, step * own[known])
+    return finer
 
 
 def taken(curves: Floats, positions: Floats) -> Floats:

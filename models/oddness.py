@@ -18,6 +18,7 @@ LEAST_SHARE = 0.7
 LEAST_SIZE = 0.03
 KEPT = 0.6
 TWICE = 1.6
+COARSE = 4
 BACKWARDS = 0.5
 
 
@@ -45,7 +46,8 @@ def against_direction(curves: Floats) -> list[int]:
     """Return which curves (u, n, d) fit the others far better when they are run from end to start."""
     if len(curves) < 3:
         return []
-    reference = np.broadcast_to(curves[reference_of(curves)], curves.shape)
+    curves, reference = curves[:, ::COARSE], curves[reference_of(curves), ::COARSE]
+    reference = np.broadcast_to(reference, curves.shape)
     forward, backward = costs(reference, curves), costs(reference, curves[:, ::-1])
     return [
         int(index) for index in np.flatnonzero((backward < BACKWARDS * forward) & (forward > 2 * np.median(forward)))

@@ -84,6 +84,5 @@ def _known(motion: CleanMotion) -> CleanMotion:
         everything,
         motion.orientations,
         motion.used,
-        motion.spikes,
         motion.gap,
     )
