@@ -51,11 +51,23 @@ def report_progress(fraction: float, _step: str = "") -> None:
         _progress.value = fraction
 
 
+def _context() -> Any:
+    """Return how workers start: forked from a clean server process that has imported the numerics, so in milliseconds.
+
+    Where there is no such thing (Windows) they are spawned, each importing for itself.
+    """
+    if "forkserver" not in multiprocessing.get_all_start_methods():
+        return multiprocessing.get_context("spawn")
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["opcua_skill.computations"])
+    return context
+
+
 class Workers:
-    """A fixed number of spawned worker processes, each with one computation at a time."""
+    """A fixed number of worker processes, each with one computation at a time."""
 
     def __init__(self, number: int, name: str) -> None:
-        self._context = multiprocessing.get_context("spawn")
+        self._context = _context()
         self._name = name
         self._progress = [self._context.Value("d", 0.0) for _ in range(number)]
         self._pools = [self._new_pool(index) for index in range(number)]

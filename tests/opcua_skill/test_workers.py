@@ -3,6 +3,7 @@
 import asyncio
 import os
 import signal
+import sys
 import threading
 import time
 from collections.abc import AsyncIterator
@@ -95,6 +96,29 @@ async def test_closing_leaves_no_process(workers: Workers) -> None:
     async with asyncio.timeout(LIMIT):
         while _alive(process):
             await asyncio.sleep(0.02)
+
+
+PARENT = """
+import asyncio, os, time
+from opcua_skill.workers import Workers
+async def main():
+    workers = Workers(1, "test")
+    print(await workers.run("asking", os.getpid, seconds=60), await workers.run("asking", os.getppid, seconds=60), flush=True)
+    await asyncio.Event().wait()
+asyncio.run(main())
+"""
+
+
+async def test_no_process_outlives_a_killed_parent() -> None:
+    parent = await asyncio.create_subprocess_exec(sys.executable, "-c", PARENT, stdout=asyncio.subprocess.PIPE)
+    assert parent.stdout is not None
+    async with asyncio.timeout(LIMIT):
+        processes = [int(text) for text in (await parent.stdout.readline()).split()]
+        assert all(_alive(process) for process in processes)
+        parent.kill()
+        await parent.wait()
+        while any(_alive(process) for process in processes):
+            await asyncio.sleep(0.05)
 
 
 def _alive(process: int) -> bool:
