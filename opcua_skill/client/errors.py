@@ -12,13 +12,15 @@ class Refused(ClientError):
     """The server said no, and nothing was stored and nothing moved.
 
     ``status`` is the name of the OPC UA status code (``BadNotFound``), ``argument`` the input argument at
-    fault or empty, ``reason`` the server's own sentence from the audit event of this call, or else the code's meaning.
+    fault or empty, ``argument_status`` its own status, ``reason`` the server's own sentence from the audit event of
+    this call, or else the code's meaning.
     """
 
-    def __init__(self, method: str, status: str, argument: str, reason: str) -> None:
+    def __init__(self, method: str, status: str, argument: str, reason: str, argument_status: str = "") -> None:
         self.method = method
         self.status = status
         self.argument = argument
+        self.argument_status = argument_status
         self.reason = reason
         at = f" (argument {argument})" if argument else ""
         super().__init__(f"{method} was refused: {reason}{at} [{status}]")

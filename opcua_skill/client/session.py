@@ -227,7 +227,7 @@ class Session:
         told = await self._reasons.reason(entry, self.node(path), self.user) if self._reasons else ""
         status = result.StatusCode.name
         reason = told.partition(f"{status}: ")[2] or told or meaning(detail.value)
-        return Refused(path.rsplit("/", 1)[-1], status, argument, reason)
+        return Refused(path.rsplit("/", 1)[-1], status, argument, reason, detail.name if argument else "")
 
     @contextlib.asynccontextmanager
     async def events(self) -> AsyncIterator["asyncio.Queue[Event]"]:

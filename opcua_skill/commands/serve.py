@@ -1,4 +1,4 @@
-"""`serve` and `panel`: the processes a plant leaves running."""
+"""`serve`: the process a plant leaves running."""
 
 import asyncio
 import contextlib
@@ -68,11 +68,3 @@ def watch_stdin(loop: asyncio.AbstractEventLoop, stop: asyncio.Event) -> None:
             stop.set()
 
     loop.add_reader(sys.stdin.fileno(), read)
-
-
-def panel(
-    server: Annotated[str, typer.Option("--server", metavar="URL", help="address of the server")] = "",
-    port: Annotated[int, typer.Option(help="port of the page")] = 8080,
-) -> None:
-    """Open the operator panel in a browser."""
-    raise Fault("the operator panel is not part of this version: it comes in a later one")

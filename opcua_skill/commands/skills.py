@@ -6,7 +6,7 @@ from typing import Annotated, Any
 import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-from opcua_skill.client import Learned, LearningOptions, Skill, SkillClient
+from opcua_skill.client import Learned, LearningOptions, Refused, Skill, SkillClient
 from opcua_skill.commands.connection import (
     DEFAULT_SERVER,
     Comment,
@@ -39,7 +39,9 @@ def learning_options(given: list[str]) -> LearningOptions:
 def learn(
     skill: SkillName,
     files: Annotated[list[Path], typer.Argument(exists=True, dir_okay=False, help="files of demonstrations")],
-    semantic_type: Annotated[str, typer.Option("--type", help="semantic type, e.g. Gluing")] = "",
+    semantic_type: Annotated[
+        str, typer.Option("--type", help="semantic type, e.g. Gluing; a known skill keeps its own")
+    ] = "",
     option: Annotated[
         list[str] | None, typer.Option("--option", metavar="K=V", help="learning option, repeatable")
     ] = None,
@@ -54,7 +56,8 @@ def learn(
     demonstrations = read_all(files)
 
     async def work(client: SkillClient) -> tuple[Learned, Skill]:
-        learned = await client.learn(skill, demonstrations, semantic_type=semantic_type, options=options)
+        kind = semantic_type or await known_type(client, skill)
+        learned = await client.learn(skill, demonstrations, semantic_type=kind, options=options)
         version = learned.version
         if learned.state != "Completed":
             with Progress(TextColumn("learning"), BarColumn(), TimeElapsedColumn(), console=notes) as bar:
@@ -75,6 +78,16 @@ def learn(
     screen.print(verdict_table(made))
     digest = made.model_digest.hex()[:16]
     say(f"{made.name} version {made.version} is {made.state}: {len(made.means)} components, digest {digest}…")
+
+
+async def known_type(client: SkillClient, skill: str) -> str:
+    """Return the semantic type the skill has already, empty for a new one."""
+    try:
+        return (await client.skill(skill)).semantic_type
+    except Refused as refusal:
+        if refusal.status != "BadNotFound":
+            raise
+        return ""
 
 
 def verdict_table(skill: Skill) -> Any:

@@ -53,7 +53,6 @@ def test_a_wrong_learning_option_is_wrong_usage(
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (["panel"], "later"),
         (["skills", "list"], "--user"),
         (["skills", "list", "--user", "me"], "OPCUA_SKILL_PASSWORD"),
         (["bench", "plant"], "benchmark"),
