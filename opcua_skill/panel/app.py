@@ -16,6 +16,7 @@ from starlette.middleware.trustedhost import TrustedHostMiddleware
 from opcua_skill.panel.frame import STATIC, framed
 from opcua_skill.panel.pages.library import library_page
 from opcua_skill.panel.pages.sign_in import sign_in_page
+from opcua_skill.panel.pages.skill import skill_page
 from opcua_skill.panel.sessions import Sessions
 
 LOOPBACK = ("127.0.0.1", "localhost", "[::1]", "::1")
@@ -78,6 +79,12 @@ def build(sessions: Sessions) -> None:
     @ui.page("/")
     async def _library(request: Request) -> Response | None:
         return await library(request)
+
+    skill = signed_in(skill_page, "Library")
+
+    @ui.page("/skill/{name}")
+    async def _skill(request: Request, name: str, version: str = "0") -> Response | None:
+        return await skill(request, name=name, version=version)
 
     @app.get("/healthz")
     def healthy() -> dict[str, bool]:

@@ -9,7 +9,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from nicegui import ui
+from nicegui import Client, ui
 from nicegui.events import KeyEventArguments, ValueChangeEventArguments
 
 from opcua_skill.client import ClientError
@@ -41,6 +41,7 @@ class Frame:
 
     session: PanelSession
     words: Words
+    client: Client = field(default_factory=lambda: ui.context.client)
     refreshers: list[Callable[[], None]] = field(default_factory=list)
 
     def on_refresh(self, do: Callable[[], None]) -> None:
@@ -60,15 +61,16 @@ class Frame:
     def tell(self, sentence: str, *, bad: bool = False) -> None:
         """Show a sentence at the bottom of the page for some seconds; what went wrong stays until it is closed."""
         sign = "✕ " if bad else "✓ "
-        ui.notify(
-            sign + sentence,
-            position="bottom",
-            type=None,
-            classes="told-bad" if bad else "told-good",
-            timeout=0 if bad else 5000,
-            close_button=self.words("Close") if bad else False,
-            multi_line=True,
-        )
+        with self.client:  # whoever asks may have been replaced on the page meanwhile
+            ui.notify(
+                sign + sentence,
+                position="bottom",
+                type=None,
+                classes="told-bad" if bad else "told-good",
+                timeout=0 if bad else 5000,
+                close_button=self.words("Close") if bad else False,
+                multi_line=True,
+            )
 
 
 def choose(

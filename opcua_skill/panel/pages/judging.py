@@ -1,0 +1,242 @@
+"""Judging a version: report and checks, approve or reject with a reason, deploy, and the versions side by side."""
+
+import asyncio
+from typing import TYPE_CHECKING, Any
+
+from nicegui import ui
+
+from opcua_skill.client import Skill
+from opcua_skill.panel.chart import packed_path
+from opcua_skill.panel.frame import choose
+from opcua_skill.panel.review import largest_change
+from opcua_skill.panel.shown import mm, percent, seconds, state_tag
+
+if TYPE_CHECKING:
+    from opcua_skill.panel.pages.skill import SkillPage
+
+OLDEST_SHOWN = 12
+
+
+class Judging:
+    """The right column of a skill's page."""
+
+    def __init__(self, page: "SkillPage") -> None:
+        self.page = page
+        self.session, self.words = page.session, page.words
+        self.skill: Skill = page.version.skill
+        with ui.element("div").classes("sheet stack"):
+            self._head()
+            self.change = ui.label().classes("small").mark("change")
+            self._report()
+        with ui.element("div").classes("sheet stack"):
+            self.decide = ui.element("div").classes("stack")
+            self.refresh()
+        with ui.element("div").classes("sheet stack"):
+            ui.label(self.words("Versions")).classes("sheet-title")
+            self.versions = ui.element("div").classes("stack").mark("versions")
+            ui.timer(0.05, self.read_versions, once=True)
+
+    def _head(self) -> None:
+        skill = self.skill
+        with ui.element("div").classes("line"):
+            ui.label(f"{skill.name} · {self.words('version')} {skill.version}").classes("sheet-title")
+        with ui.element("div").classes("line"):
+            self.tag = ui.html(state_tag(self.words, skill.state), sanitize=False).mark("state")
+            ui.label(skill.semantic_type).classes("soft")
+        self.newer = ui.element("div").classes("line")
+
+    def _report(self) -> None:
+        words, report = self.words, self.skill.report
+        repeatability = report.get("repeatability") or {}
+        spread = [value for value in repeatability.get("deviation") or () if value is not None]
+        widest = max(spread, default=None)
+        phases = repeatability.get("phases") or ()
+        there = f" {words('at')} {percent(phases[spread.index(widest)])}" if widest is not None and len(phases) else ""
+        facts = [
+            (words("duration as taught"), seconds(report.get("duration"))),
+            (words("length"), mm(report.get("length"), 1)),
+            (words("components"), str(report.get("components", "–"))),
+            (words("path against mean of people, RMS"), mm((report.get("path_error") or {}).get("rms"))),
+            (words("the same, largest"), mm((report.get("path_error") or {}).get("max"))),
+            (words("people's spread, largest"), f"{mm(widest)}{there}"),
+            (words("smoothness (nearer 0 is smoother)"), f"{report.get('smoothness', float('nan')):.1f}"),
+        ]
+        with ui.element("div").classes("facts"):
+            for name, value in facts:
+                ui.label(name).classes("soft")
+                ui.label(value)
+        for sign, good, sentence in self._checks(widest):
+            ui.label(f"{sign} {sentence}").classes("small " + ("check-good" if good else "check-bad"))
+
+    def _checks(self, widest: float | None) -> list[tuple[str, bool, str]]:
+        words, report = self.words, self.skill.report
+        used = len(self.page.version.material.aligned)
+        error = (report.get("path_error") or {}).get("max")
+        checks = [
+            (used >= 3, f"{used} {words('demonstrations used')}"),
+            (not self.page.version.flagged, f"{len(self.page.version.flagged)} {words('flagged')}"),
+        ]
+        if error is not None and widest is not None:
+            checks.append((error <= 2.0 * widest, f"{words('path within ±2σ of the people')}: {mm(error)}"))
+        for note in report.get("notes") or ():
+            checks.append((False, str(note)))
+        return [("✓" if good else "⚠", good, sentence) for good, sentence in checks]
+
+    def refresh(self) -> None:
+        """Offer what this person may do with this version in its state; say why something is not offered."""
+        words, session, skill = self.words, self.session, self.skill
+        self.tag.content = state_tag(words, skill.state)
+        self.decide.clear()
+        with self.decide:
+            for made in skill.document.get("decisions") or ():
+                comment = f" – {made['comment']}" if made.get("comment") else ""
+                ui.label(f"{words(made['state'])}: {made['actor']}{comment}").classes("small")
+            if skill.state == "Learned":
+                self._judge()
+            elif skill.state == "Approved":
+                self._deploy()
+            else:
+                ui.label(words("This version is not used any more. Learn again, or choose another version."))
+            target = f"/run?skill={skill.name}&version={skill.version}"
+            with ui.element("div").classes("line"):
+                ui.button(
+                    words("Try it in simulation"), icon="play_arrow", on_click=lambda: ui.navigate.to(target)
+                ).props("no-caps outline dense")
+                ui.button(words("Recipes"), on_click=lambda: ui.navigate.to(f"/recipes?skill={skill.name}")).props(
+                    "no-caps flat dense"
+                )
+        if not session.may("approve"):
+            with self.decide:
+                ui.label(words("Approving needs the role engineer.")).classes("small soft")
+
+    def _judge(self) -> None:
+        words, session = self.words, self.session
+        comment = (
+            ui.input(words("Reason, kept in the records")).props("dense outlined").classes("w-full").mark("reason")
+        )
+        self.refusal = ui.label().classes("check-bad small").mark("refusal")
+        if self.page.version.draft.changed:
+            ui.label(words("Your edits are not part of this version: learn again first.")).classes("small check-bad")
+        with ui.element("div").classes("line"):
+            yes = ui.button(
+                words("Approve"), icon="check", on_click=lambda: self._decided("approve", comment.value or "")
+            )
+            yes.props("no-caps unelevated dense color=positive").mark("approve").set_enabled(session.may("approve"))
+            no = ui.button(words("Reject"), icon="close", on_click=lambda: self._decided("reject", comment.value or ""))
+            no.props("no-caps outline dense color=negative").mark("reject").set_enabled(session.may("approve"))
+        ui.label(f"{words('approves model')} {self.skill.model_digest.hex()[:12]}…").classes("small soft mono")
+
+    async def _decided(self, what: str, comment: str) -> None:
+        from opcua_skill.client import ClientError
+
+        client, skill = self.session.client, self.skill
+        ask = client.approve if what == "approve" else client.reject
+        try:
+            await ask(skill.name, skill.version, skill.model_digest, comment)
+        except ClientError as error:
+            self.refusal.text = f"✕ {error}"
+            return
+        await self.changed_elsewhere()
+
+    def _deploy(self) -> None:
+        words, session, skill = self.words, self.session, self.skill
+        stations = list(session.stations)
+        deployed = list(skill.document.get("workstations") or ())
+        told = f"{words('Runs on')}: {', '.join(deployed)}" if deployed else words("Not deployed anywhere yet.")
+        ui.label(told).mark("deployed")
+        if not session.may("deploy"):
+            return
+        with ui.element("div").classes("line"):
+            where = choose(stations, session.station_name).classes("w-28")
+            go = ui.button(words("Deploy"), on_click=lambda: self._place(True, where.value)).mark("deploy")
+            go.props("no-caps unelevated dense")
+            back = ui.button(words("Withdraw"), on_click=lambda: self._place(False, where.value)).mark("withdraw")
+            back.props("no-caps flat dense")
+            back.bind_visibility_from(where, "value", lambda name: name in deployed)
+
+    async def _place(self, there: bool, where: str) -> None:
+        client, skill = self.session.client, self.skill
+        ask = client.deploy if there else client.withdraw
+        word = self.words("Deploy") if there else self.words("Withdraw")
+        if await self.page.frame.asked(word, lambda: ask(skill.name, skill.version, where)):
+            await self.changed_elsewhere()
+
+    async def changed_elsewhere(self) -> None:
+        """Read the version's state again, and whether there is a newer version."""
+
+        async def read() -> None:
+            self.skill = await self.session.client.skill(self.skill.name, self.skill.version)
+
+        if await self.page.frame.asked(self.words("Read the skill"), read):
+            self.refresh()
+            await self.read_versions()
+
+    async def read_versions(self) -> None:
+        """List the versions, newest first, each with what tells it from this one."""
+        client, name = self.session.client, self.skill.name
+        found: list[Skill] = []
+
+        async def read() -> None:
+            newest = await client.skill(name)
+            found.append(newest)
+            oldest = max(newest.version - OLDEST_SHOWN, 0)
+            numbers = range(newest.version - 1, oldest, -1)
+            found.extend(await asyncio.gather(*(client.skill(name, number) for number in numbers)))
+
+        if not await self.page.frame.asked(self.words("Read the versions"), read):
+            return
+        self.versions.clear()
+        with self.versions:
+            for one in found:
+                self._version_line(one)
+        self.newer.clear()
+        if found[0].version > self.skill.version:
+            newest = found[0].version
+            taught = (found[0].document.get("provenance") or {}).get("taughtBy", "")
+            with self.newer:
+                ui.label(f"⚠ {taught}: {self.words('version')} {newest} {self.words('is newer')}").classes(
+                    "check-bad small"
+                )
+                ui.button(self.words("Show it"), on_click=lambda: self._open(newest)).props("no-caps dense flat")
+
+    def _version_line(self, one: Skill) -> None:
+        words, here = self.words, one.version == self.skill.version
+        error = (one.report.get("path_error") or {}).get("rms")
+        taught = (one.document.get("provenance") or {}).get("taughtBy", "")
+        with ui.element("div").classes("line").style("gap:4px 8px"):
+            ui.label(f"{'▸ ' if here else ''}{one.version}").classes("mono" + (" sheet-title" if here else ""))
+            ui.html(state_tag(words, one.state), sanitize=False)
+            ui.label(taught).classes("small soft")
+            ui.label(mm(error)).classes("small mono").tooltip(words("path against mean of people, RMS"))
+            ui.space()
+            if not here:
+                ui.button(words("Show"), on_click=lambda: self._open(one.version)).props("no-caps dense flat size=sm")
+                ui.button(words("Compare"), on_click=lambda: self._compare(one)).props("no-caps dense flat size=sm")
+
+    async def _open(self, number: int) -> None:
+        self.page.ghost = None
+        await self.page.show(number)
+
+    async def _compare(self, other: Skill) -> None:
+        """Lay another version's path over this one, green and dotted, and say how far apart they are."""
+        page, words = self.page, self.words
+        paths: list[Any] = []
+
+        async def read() -> None:
+            paths.append(await self.session.client.path(other.name, other.version))
+
+        if await page.frame.asked(words("Compare"), read):
+            page.chart.overlay(other=packed_path(paths[0]))
+            away, where = largest_change(paths[0], page.version.material.path)
+            self.change.text = (
+                f"┄ {words('version')} {other.version} ({words('green, dotted')}): "
+                f"{words('at most')} {mm(away)} {words('away')}, {words('at')} {percent(where)} {words('of the way')}"
+            )
+
+    def tell_change(self, before: int, away: float, where: float) -> None:
+        """Say what learning again has changed."""
+        words = self.words
+        self.change.text = (
+            f"╌ {words('before')} ({words('version')} {before}, {words('grey dashes')}): "
+            f"{words('the path moved by at most')} {mm(away)}, {words('at')} {percent(where)} {words('of the way')}"
+        )

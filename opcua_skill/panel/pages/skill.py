@@ -1,0 +1,293 @@
+"""A skill's page: look at the demonstrations, take out what is wrong, learn again, judge, deploy."""
+
+import asyncio
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from nicegui import ui
+
+from models.demonstration import Edits
+from opcua_skill.client import Path, Skill
+from opcua_skill.panel.chart import ReviewChart, chart_data, packed_path
+from opcua_skill.panel.frame import Frame, choose
+from opcua_skill.panel.pages.demonstrations import DemonstrationList
+from opcua_skill.panel.pages.judging import Judging
+from opcua_skill.panel.review import Draft, Material, edits_of, instants_struck, largest_change
+from opcua_skill.panel.session import PanelSession
+from opcua_skill.panel.shown import mm, percent
+
+LEARNING_LIMIT = 600.0
+OLDEST_SHOWN = 12
+
+
+@dataclass
+class Version:
+    """A version as the page shows it, and the edits under way on it."""
+
+    skill: Skill
+    material: Material
+    draft: Draft
+    flagged: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def verdicts(self) -> Mapping[str, Mapping[str, Any]]:
+        """What learning said of each recording."""
+        return {one["demonstrationId"]: one for one in self.skill.document.get("verdicts") or ()}
+
+
+async def read_version(session: PanelSession, name: str, number: int) -> Version:
+    """Read a version with everything it is judged by."""
+    client = session.client
+    skill = await client.skill(name, number)
+    recordings = await client.recordings(name, skill.version)
+    path = await client.path(name, skill.version)
+    material = await asyncio.to_thread(Material.of, recordings.raw, recordings.aligned, path)
+    saved = edits_of(skill.document.get("provenance") or {})
+    kept = session.kept.setdefault(("draft", name, skill.version), Draft(saved))
+    assert isinstance(kept, Draft)
+    flagged = {
+        one["demonstrationId"]: one.get("reason", "")
+        for one in skill.document.get("verdicts") or ()
+        if one["kind"] != "used"
+    }
+    return Version(skill, material, kept, flagged)
+
+
+async def skill_page(frame: Frame, name: str, version: str = "0") -> None:
+    """Show the newest version, or the one asked for."""
+    page = SkillPage(frame, name)
+    await page.open(int(version) if version.isdigit() else 0)
+
+
+class SkillPage:
+    """The page as one browser sees it."""
+
+    def __init__(self, frame: Frame, name: str) -> None:
+        self.frame = frame
+        self.words = frame.words
+        self.session = frame.session
+        self.name = name
+        self.state: dict[str, Any] = {
+            "view": "path",
+            "mode": "aligned",
+            "tube": True,
+            "components": False,
+            "tool": "point",
+            "target": "one",
+        }
+        self.version: Version
+        self.chart: ReviewChart
+        self.demonstrations: DemonstrationList
+        self.ghost: Path | None = None
+        self.busy = False
+
+    async def open(self, number: int) -> None:
+        """Build the page for a version."""
+        self.place = ui.element("div").classes("w-full")
+        if not await self.show(number):
+            with self.place:
+                ui.label(self.words("This skill cannot be shown.")).classes("sheet")
+            return
+        ui.keyboard(on_key=self._key)
+        self.seen = self.session.happenings[0].number if self.session.happenings else 0
+        ui.timer(0.5, self._look)
+
+    async def show(self, number: int) -> bool:
+        """Read a version and show it in place of what was there."""
+
+        async def read() -> None:
+            self.version = await read_version(self.session, self.name, number)
+
+        if not await self.frame.asked(self.words("Read the skill"), read):
+            return False
+        self.place.clear()
+        with self.place:
+            self._build()
+        return True
+
+    def _build(self) -> None:
+        version, words = self.version, self.words
+        with ui.element("div").classes("columns review-columns"):
+            with ui.element("div").classes("sheet stack"):
+                self.demonstrations = DemonstrationList(self)
+            with ui.element("div").classes("sheet stack"):
+                self._tools()
+                data = chart_data(words, version.skill, version.material, list(version.flagged))
+                self.chart = ReviewChart(data, self.state, self._picked).classes("chart").mark("chart")
+                self.chart.on("drawn", self.overlay)
+                self._editing()
+            with ui.element("div").classes("stack"):
+                self.judging = Judging(self)
+        self.refresh()
+
+    def _tools(self) -> None:
+        words = self.words
+        three = self.version.material.path.points.shape[1] == 3
+
+        def toggle(key: str, options: dict[str, str]) -> None:
+            ui.toggle(options, value=self.state[key], on_change=lambda event: self._set(key, event.value)).props(
+                "no-caps dense unelevated toggle-color=primary color=white text-color=dark"
+            ).classes("border rounded").mark(f"toggle-{key}")
+
+        def switch(key: str, label: str) -> None:
+            ui.checkbox(label, value=self.state[key], on_change=lambda event: self._set(key, event.value)).props(
+                "dense"
+            )
+
+        with ui.element("div").classes("line"):
+            toggle("view", {"path": words("x–y and x–z") if three else words("Path"), "time": words("Over time")})
+            toggle("mode", {"aligned": words("Aligned"), "raw": words("As recorded")})
+            switch("tube", words("Tube ±2σ"))
+            switch("components", words("Components"))
+        with ui.element("div").classes("line"):
+            tools = {"point": "Point", "stretch": "Stretch", "box": "Box", "move": "Move"}
+            toggle("tool", {key: words(label) for key, label in tools.items()})
+            targets = {"one": words("of one demonstration"), "all": words("of all, along the path")}
+            choose(targets, self.state["target"], lambda event: self._set("target", event.value)).mark("target")
+            ui.space()
+            self.undo_button = ui.button(icon="undo", on_click=self.undo).props("flat dense").mark("undo")
+            self.undo_button.tooltip(words("Undo (U)"))
+            self.redo_button = ui.button(icon="redo", on_click=self.redo).props("flat dense").mark("redo")
+            self.redo_button.tooltip(words("Redo (Shift+U)"))
+
+    def _editing(self) -> None:
+        words = self.words
+        with ui.element("div").classes("line"):
+            self.told = ui.label().classes("small").mark("draft")
+            ui.space()
+            self.again = ui.button(words("Learn again"), on_click=self.learn_again).props("no-caps unelevated dense")
+            self.again.mark("learn-again").set_visibility(self.session.may("edit"))
+        legend = (
+            "Grey: demonstrations · orange: flagged · dotted: left out · blue: learned · ✕: struck · "
+            "red dashes: where the path is expected to go · grey dashes: before"
+        )
+        ui.label(words(legend)).classes("small soft")
+
+    def _set(self, key: str, value: Any) -> None:
+        self.state[key] = value
+        self.chart.show(**{key: value})
+        if key == "mode":
+            self.overlay()
+
+    def _picked(self, picked: Mapping[str, Any]) -> None:
+        """Somebody picked samples: of lines, or of the learned path (line -1)."""
+        material = self.version.material
+        names = list(material.raw)
+        samples: dict[str, frozenset[int]] = {}
+        for one in picked["ranges"]:
+            line, first, last = int(one["line"]), int(one["from"]), int(one["to"])
+            if line < 0:
+                shown = self._path_samples()
+                found = material.picked_everywhere(shown[first], shown[last])
+            else:
+                found = {names[line]: material.picked(names[line], first, last, picked["mode"])}
+            for name, indices in found.items():
+                samples[name] = samples.get(name, frozenset()) | indices
+        self.version.draft.strike({name: one for name, one in samples.items() if name not in self.edits.excluded})
+        self.refresh()
+
+    def _path_samples(self) -> list[int]:
+        from opcua_skill.panel.chart import thinned
+
+        return thinned(self.version.material.path)
+
+    @property
+    def edits(self) -> Edits:
+        """The edits as they stand."""
+        return self.version.draft.edits
+
+    def refresh(self) -> None:
+        """Show the edits as they stand: overlay, list, buttons and words."""
+        draft, words = self.version.draft, self.words
+        self.overlay()
+        self.demonstrations.refresh()
+        self.undo_button.set_enabled(draft.can_undo)
+        self.redo_button.set_enabled(draft.can_redo)
+        self.again.set_enabled(draft.changed and not self.busy)
+        parts = []
+        if draft.struck_count:
+            parts.append(f"{draft.struck_count} {words('samples struck')}")
+        if self.edits.excluded:
+            parts.append(f"{len(self.edits.excluded)} {words('demonstrations left out')}")
+        state = words("not learned yet") if draft.changed else words("as learned")
+        self.told.text = f"{' · '.join(parts) or words('Nothing is taken out')} ({state})"
+
+    def overlay(self) -> None:
+        """Send what lies over the lines; the lines themselves were sent once."""
+        version, material = self.version, self.version.material
+        struck: dict[str, list[int]] = {}
+        for line, name in enumerate(material.raw):
+            indices = self.edits.struck.get(name)
+            if indices:
+                raw = self.state["mode"] == "raw" or name not in material.samples
+                struck[str(line)] = sorted(indices) if raw else instants_struck(material.samples[name], indices)
+        preview = None
+        if version.draft.changed:
+            preview = packed_path(material.path, material.expected(version.draft.saved, self.edits))
+        self.chart.overlay(
+            struck=struck,
+            excluded=sorted(self.edits.excluded),
+            preview=preview,
+            ghost=packed_path(self.ghost) if self.ghost else None,
+        )
+
+    def undo(self) -> None:
+        """Take the last step back."""
+        self.version.draft.undo()
+        self.refresh()
+
+    def redo(self) -> None:
+        """Do it again."""
+        self.version.draft.redo()
+        self.refresh()
+
+    def include(self, name: str, wanted: bool) -> None:
+        """Leave a recording out or take it in again."""
+        self.version.draft.include(name, wanted)
+        self.refresh()
+
+    async def learn_again(self) -> None:
+        """Have a new version learned from what is left, and show it beside the one before."""
+        session, words, before = self.session, self.words, self.version
+        self.busy = True
+        self.again.disable()
+        self.told.text = words("Learning …")
+        learned: list[int] = []
+
+        async def learn() -> None:
+            job_id, state, new = await session.client.learn_again(self.name, before.skill.version, self.edits)
+            if state not in ("Completed", "Failed", "Aborted"):
+                report = await session.client.follow(job_id, limit=LEARNING_LIMIT)
+                new = report.skill_version
+                if report.state != "Completed":
+                    self.frame.tell(f"{words('Learning ended')}: {words(report.state)}. {report.message}", bad=True)
+            if new:
+                learned.append(new)
+
+        done = await self.frame.asked(words("Learn again"), learn)
+        self.busy = False
+        if not done or not learned:
+            self.refresh()
+            return
+        session.kept.pop(("draft", self.name, before.skill.version), None)
+        self.ghost = before.material.path
+        if await self.show(learned[0]):
+            away, where = largest_change(before.material.path, self.version.material.path)
+            told = f"{words('Version')} {learned[0]}: {words('the path moved by at most')} {mm(away)}"
+            self.frame.tell(f"{told} ({words('at')} {percent(where)} {words('of the way')})")
+            self.judging.tell_change(before.skill.version, away, where)
+
+    async def _look(self) -> None:
+        """Tell when somebody else changed this skill; show a changed state at once, a newer version when asked to."""
+        fresh = [one.event for one in self.session.happenings if one.number > self.seen]
+        if not fresh:
+            return
+        self.seen = self.session.happenings[0].number
+        mine = [one for one in fresh if one.message.startswith(f"{self.name} version ")]
+        if mine and not self.busy:
+            await self.judging.changed_elsewhere()
+
+    def _key(self, key: Any) -> None:
+        if key.action.keydown and not key.action.repeat and key.key.name in ("u", "U"):
+            self.redo() if key.modifiers.shift else self.undo()
