@@ -15,8 +15,8 @@ from models.errors import (
     OptionOutOfRange,
     SkillError,
     TooFewDemonstrations,
-    UnlikelyUnits,
     UnknownDemonstration,
+    UnlikelyUnits,
 )
 from models.learning import LearningOptions, VerdictKind, learn, samples_along_path
 from models.people import simulated_people
