@@ -10,12 +10,12 @@ from asyncua.common.xmlexporter import XmlExporter
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
-from opcua_skill.nodes.tree import TYPES, Tree
-from opcua_skill.nodes.types import add_types
-from opcua_skill.security import SecuritySettings
+from opcua_skill.nodes.tree import TYPES
+from opcua_skill.server import SkillServerApp
 from opcua_skill.settings import Settings
-from opcua_skill.stack.access import Identity, Peer
 from opcua_skill.stack.server import SkillServer
+from sim.arms import load
+from sim.kinematic_arm import KinematicArm
 
 REFERENCE = Path(__file__).parent / "reference"
 CONFIGURATION = REFERENCE / "configuration.md"
@@ -72,29 +72,23 @@ def _shown(default: Any) -> str:
     return f"`{list(default) if isinstance(default, tuple) else default}`"
 
 
-class _Nobody:
-    async def by_password(self, name: str, password: str, peer: Peer) -> Identity | None:
-        return None
-
-    async def by_certificate(self, certificate: bytes, peer: Peer) -> Identity | None:
-        return None
-
-
 async def node_set() -> str:
     """Return our type namespace as a NodeSet2 document."""
     with tempfile.TemporaryDirectory() as folder:
-        server = SkillServer(_Nobody(), SecuritySettings(folder=Path(folder), endpoint="opc.tcp://127.0.0.1:0"))
-        await server.init()
-        tree = await Tree.on(server)
-        await add_types(tree)
-        index = await server.get_namespace_index(TYPES)
-        space = server.iserver.aspace
-        ours = sorted((key for key in space._nodes if key.NamespaceIndex == index), key=lambda key: key.to_string())
-        exporter = XmlExporter(server)
-        await exporter.build_etree([server.get_node(key) for key in ours])
+        settings = Settings(data=Path(folder), endpoint="opc.tcp://127.0.0.1:0")
         file = Path(folder) / "types.xml"
-        await exporter.write_xml(file)
+        async with SkillServerApp(settings, lambda _station, _simulation: KinematicArm(load("panda"))) as app:
+            await _write_types(app.server, file)
         return file.read_text(encoding="utf-8")
+
+
+async def _write_types(server: SkillServer, file: Path) -> None:
+    index = await server.get_namespace_index(TYPES)
+    nodes = server.iserver.aspace._nodes
+    ours = sorted((key for key in nodes if key.NamespaceIndex == index), key=lambda key: key.to_string())
+    exporter = XmlExporter(server)
+    await exporter.build_etree([server.get_node(key) for key in ours])
+    await exporter.write_xml(file)
 
 
 def main() -> None:

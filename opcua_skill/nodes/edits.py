@@ -18,4 +18,5 @@ async def add_edits(tree: Tree, methods: EditMethods) -> None:
         (SKILL, VERSION, edits, COMMENT),
         (JOB_ID, STATE, version),
     )
+    tree.declare_method("SkillLibraryType", spec)
     await add_method(tree.server, tree.id(PATH), spec, tree.id(f"{PATH}/{spec.name}"), tree.name(spec.name))

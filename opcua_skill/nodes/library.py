@@ -176,6 +176,7 @@ async def add_library(tree: Tree, methods: LibraryMethods, limits: Limits) -> No
     )
     await make_notifier(tree.server.get_node(library))
     for spec in specs(tree, methods):
+        tree.declare_method("SkillLibraryType", spec)
         await add_method(tree.server, library, spec, tree.id(f"{PATH}/{spec.name}"), tree.name(spec.name))
     bounds = tree.object(f"{PATH}/Limits", library, type_definition=tree.type_id("LibraryLimitsType"))
     for name, value in (

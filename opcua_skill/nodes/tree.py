@@ -9,6 +9,7 @@ from asyncua.ua.attribute_ids import AttributeIds
 from asyncua.ua.object_ids import ObjectIds
 
 from opcua_skill.nodes.nodesets import DI, MACHINERY, load_node_sets
+from opcua_skill.stack.calls import MethodSpec, ua_argument
 from opcua_skill.stack.values import node_id
 
 TYPES = "urn:opcua-skill:types"
@@ -167,6 +168,42 @@ class Tree:
             None,
             description,
         )
+
+    def declare_method(self, type_name: str, spec: MethodSpec) -> None:
+        """Declare a method on one of our types, once, so that a client sees its arguments without an instance."""
+        path = f"{type_name}/{spec.name}"
+        if self.type_id(path) in self.server.iserver.aspace:
+            return
+        attributes = ua.MethodAttributes()
+        attributes.Executable = attributes.UserExecutable = True  # pyright: ignore[reportAttributeAccessIssue]
+        owner = self.type_id(type_name)
+        node = self._add(
+            self.type_id(path),
+            owner,
+            self.name(spec.name),
+            ua.NodeClass.Method,
+            attributes,
+            ObjectIds.HasComponent,
+            None,
+            spec.description,
+        )
+        self.make_mandatory(node)
+        for name, arguments in (("InputArguments", spec.inputs), ("OutputArguments", spec.outputs)):
+            if arguments:
+                value = [ua_argument(argument) for argument in arguments]
+                member = self.property(
+                    f"{path}/{name}",
+                    node,
+                    ua.Variant(value, ua.VariantType.ExtensionObject, is_array=True),
+                    data_type=standard(ObjectIds.Argument),
+                    node_id=self.type_id(f"{path}/{name}"),
+                    name=ua.QualifiedName(name, 0),  # pyright: ignore[reportArgumentType]
+                )
+                self.make_mandatory(member)
+
+    def make_mandatory(self, member: ua.NodeId) -> None:
+        """Say that every instance of the type has this member."""
+        self.reference(member, standard(ObjectIds.ModellingRule_Mandatory), ObjectIds.HasModellingRule)
 
     def reference(
         self,

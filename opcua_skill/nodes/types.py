@@ -240,9 +240,7 @@ def _event_type(tree: Tree, name: str, description: str, fields: tuple[tuple[str
             node_id=tree.type_id(f"{name}/{field}"),
             name=tree.name(field),
         )
-        tree.reference(
-            member, standard(ObjectIds.ModellingRule_Mandatory), ObjectIds.HasModellingRule, ua.NodeClass.Object
-        )
+        tree.make_mandatory(member)
 
 
 def _zero(variant_type: ua.VariantType) -> Any:

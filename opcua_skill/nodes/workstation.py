@@ -95,6 +95,7 @@ async def add_workstation(
     _add_identification(tree, path, root, settings)
     _add_equipment(tree, path, root, settings, model)
     for spec in specs(tree, methods):
+        tree.declare_method("WorkstationType", spec)
         await add_method(tree.server, root, spec, tree.id(f"{path}/{spec.name}"), tree.name(spec.name))
     folder = standard(ObjectIds.FolderType)
     tree.object(f"{path}/Skills", root, type_definition=folder, description="the skills deployed here")
@@ -227,6 +228,7 @@ async def _add_arm(tree: Tree, path: str, root: ua.NodeId, model: ArmModel, meth
         method("ProtectiveStop", methods.protective_stop, OPERATORS, (COMMENT,), ()),
         method("Reset", methods.reset, OPERATORS, (COMMENT,), ()),
     ):
+        tree.declare_method("ArmType", spec)
         await add_method(tree.server, arm, spec, tree.id(f"{arm_path}/{spec.name}"), tree.name(spec.name))
     lock_path = f"{arm_path}/Lock"
     lock = tree.object(

@@ -300,8 +300,8 @@ async def add_method(
     clients need, and its UserExecutable is told to each session by its role.
     """
     parent = parent_node if isinstance(parent_node, Node) else server.get_node(parent_node)
-    inputs = [_ua_argument(argument) for argument in spec.inputs]
-    outputs = [_ua_argument(argument) for argument in spec.outputs]
+    inputs = [ua_argument(argument) for argument in spec.inputs]
+    outputs = [ua_argument(argument) for argument in spec.outputs]
     node = await parent.add_method(node_id, browse_name, spec.handler, inputs, outputs)
     if spec.description:
         await node.write_attribute(
@@ -311,7 +311,8 @@ async def add_method(
     return node
 
 
-def _ua_argument(argument: Argument) -> ua.Argument:
+def ua_argument(argument: Argument) -> ua.Argument:
+    """Return the description of an argument as clients read it."""
     dimensions = [ua.UInt32(0)] * argument.rank if argument.rank > 0 else []
     return ua.Argument(
         Name=argument.name,
