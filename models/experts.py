@@ -12,6 +12,7 @@ Only the distance across the path counts in that fit: a point may slide along th
 # pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
 # pyright: reportMissingTypeStubs=false, reportAttributeAccessIssue=false
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -59,13 +60,12 @@ class Fit:
     coefficients: Floats
     rms: float
     furthest: float
-    polygon: bool
 
 
 def edges_of(mean: Floats) -> tuple[tuple[int, ...], bool]:
     """Return the indices of the corners of a mean path (n, d), ends included, and whether it is a polygon.
 
-    It is one if Douglas and Peucker find no corner more at 2 % of the diagonal than at 5 %.
+    It may be one if Douglas and Peucker find no corner more at 2 % of the diagonal than at 5 %.
     """
     size = diagonal(mean)
     coarse = corners(mean, CORNER * size)
@@ -80,25 +80,48 @@ def fit_handover(mean: Floats, samples: Floats, uncertainty: float, components: 
     cut its corners by 0.3 % of the diagonal more than the sharpest does. A curve gets the fewest of 6 to 24, with the widest hand-over, that stay
     within 0.15 % (rms) and 0.6 % (anywhere) of the diagonal from the mean, or within half of its standard error.
     """
-    clock = np.linspace(0.0, 1.0, len(mean))
     size = diagonal(mean)
     found, polygon = edges_of(mean)
     if polygon and components in {0, len(found) - 1}:
-        tied = fit_tied(samples, in_bins(samples, clock[list(found)]))
-        fits = [_fit(mean, clock, _sharpened(tied, sharpness), True) for sharpness in POLYGON_SHARPNESS]
-        missed = [_corner_miss(fit, mean, found) for fit in fits]
-        return next(fit for fit, miss in zip(fits, missed, strict=True) if miss <= missed[-1] + CORNER_MISS * size)
+        bent = [count for count in CURVE_COMPONENTS if count < len(found) and not components]
+        fit = _first_within(mean, samples, bent, RMS_MISS * size, MAX_MISS * size)
+        return fit or _polygon(mean, samples, found)
     rms = max(RMS_MISS * size, UNCERTAINTY_RMS * uncertainty)
     furthest = max(MAX_MISS * size, UNCERTAINTY_MAX * uncertainty)
-    tried: list[Fit] = []
-    for count in (components,) if components else CURVE_COMPONENTS:
-        tied = fit_tied(samples, in_bins(samples, np.linspace(0.0, 1.0, count + 1)))
-        for sharpness in CURVE_SHARPNESS if not components else (*CURVE_SHARPNESS, 0.7, 1.0, *POLYGON_SHARPNESS):
-            fit = _fit(mean, clock, _sharpened(tied, sharpness), False)
+    if not components:
+        fit = _first_within(mean, samples, CURVE_COMPONENTS, rms, furthest)
+        if fit:
+            return fit
+    count = components or CURVE_COMPONENTS[-1]
+    tried = [fit for fit in _curves(mean, samples, count, (*CURVE_SHARPNESS, 0.7, 1.0, *POLYGON_SHARPNESS))]
+    good = (fit for fit in tried if fit.rms <= rms and fit.furthest <= furthest)
+    return next(good, min(tried, key=lambda fit: fit.furthest))
+
+
+def _polygon(mean: Floats, samples: Floats, found: tuple[int, ...]) -> Fit:
+    """Return one component for each edge, with the widest hand-over that hardly cuts the corners."""
+    clock = np.linspace(0.0, 1.0, len(mean))
+    tied = fit_tied(samples, in_bins(samples, clock[list(found)]))
+    fits = [_fit(mean, _sharpened(tied, sharpness)) for sharpness in POLYGON_SHARPNESS]
+    missed = [_corner_miss(fit, mean, found) for fit in fits]
+    limit = missed[-1] + CORNER_MISS * diagonal(mean)
+    return next(fit for fit, miss in zip(fits, missed, strict=True) if miss <= limit)
+
+
+def _curves(mean: Floats, samples: Floats, count: int, sharpnesses: Sequence[float]) -> Iterator[Fit]:
+    """Give the fits with ``count`` components, widest hand-over first."""
+    tied = fit_tied(samples, in_bins(samples, np.linspace(0.0, 1.0, count + 1)))
+    for sharpness in sharpnesses:
+        yield _fit(mean, _sharpened(tied, sharpness))
+
+
+def _first_within(mean: Floats, samples: Floats, counts: Sequence[int], rms: float, furthest: float) -> Fit | None:
+    """Return the fit with the fewest of ``counts`` components that stays within these distances in m of the mean, or none."""
+    for count in counts:
+        for fit in _curves(mean, samples, count, CURVE_SHARPNESS):
             if fit.rms <= rms and fit.furthest <= furthest:
                 return fit
-            tried.append(fit)
-    return min(tried, key=lambda fit: fit.furthest)
+    return None
 
 
 def lines(handover: Handover, values: Floats) -> Floats:
@@ -140,14 +163,14 @@ def _sharpened(tied: Mixture, sharpness: float) -> Handover:
     return Handover(tied.means[order, 0], np.sqrt(tied.covariances[order, 0, 0] / sharpness))
 
 
-def _fit(mean: Floats, clock: Floats, handover: Handover, polygon: bool) -> Fit:
-    basis = handover.basis(clock)
+def _fit(mean: Floats, handover: Handover) -> Fit:
+    basis = handover.basis(np.linspace(0.0, 1.0, len(mean)))
     coefficients = _lines_across(handover, mean)
     path = basis @ coefficients
     there = _distances(path, mean)
     back = _distances(mean, path)
     rms = float(np.sqrt(0.5 * ((there**2).mean() + (back**2).mean())))
-    return Fit(handover, coefficients, rms, float(max(there.max(), back.max())), polygon)
+    return Fit(handover, coefficients, rms, float(max(there.max(), back.max())))
 
 
 def _distances(path: Floats, other: Floats) -> Floats:
