@@ -124,8 +124,7 @@ def check_reach(model: ArmModel, points: Floats, solved: InverseResult, times: F
             f"{_place(times[i], phases[i])} (point {i}), and misses by up to {miss:.1f} mm and {turn:.1f} degrees: "
             "move the part's frame nearer"
         )
-        found.append(Finding("NoIkSolution", float(times[i]), float(phases[i]), miss, "mm", text))
-        return found
+        return [Finding("NoIkSolution", float(times[i]), float(phases[i]), miss, "mm", text), *found]
     found += check_joints(model, solved.joints, times, phases)
     return found
 

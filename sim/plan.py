@@ -15,6 +15,7 @@ from models.motion import Motion
 from sim import checks
 from sim.arm import ArmModel, Bools, Floats, Pose, Stage
 from sim.checks import Finding, MotionRefused
+from sim.clearance import Box, Cell, check_clearance, part_box
 from sim.kinematics import kinematics
 from sim.path import ToolPath
 from sim.way import Way, joint_way, line_way, path_way, tool_rotation
@@ -145,12 +146,18 @@ class MotionPlan:
 
 
 def plan_motion(
-    motion: Motion, order: MotionOrder, arm: ArmModel, *, skill_digest: str = "", recipe_id: str = ""
+    motion: Motion,
+    order: MotionOrder,
+    arm: ArmModel,
+    *,
+    skill_digest: str = "",
+    recipe_id: str = "",
+    cell: Cell | None = None,
 ) -> MotionPlan:
     """Return the plan that runs a learned motion once, from home to home.
 
-    The skill is evaluated by regression at the phase of every time step. Raises ``MotionRefused`` with everything
-    found.
+    The skill is evaluated by regression at the phase of every time step. ``cell`` is what surrounds the arm; without
+    one there is the table it stands on, and the part. Raises ``MotionRefused`` with everything found.
     """
     found = checks.check_order(order)
     if found:
@@ -169,10 +176,15 @@ def plan_motion(
     there = joint_way(home, (down or main).joints[0], order, arm)
     back = joint_way((lift or main).joints[-1], home, order, arm)
     ways = [way for way in (there, down, *main.split(), lift, back) if way is not None]
-    return _assembled(ways, order, arm, skill_digest, recipe_id, main)
+    surroundings = cell or Cell()
+    part = part_box(main.tool, frame, surroundings.table_height)
+    boxes = (surroundings.table(), part, *surroundings.fixtures)
+    return _assembled(ways, order, arm, skill_digest, recipe_id, main, boxes)
 
 
-def plan_home(arm: ArmModel, joints: Floats | tuple[float, ...], *, speed_fraction: float = 0.5) -> MotionPlan:
+def plan_home(
+    arm: ArmModel, joints: Floats | tuple[float, ...], *, speed_fraction: float = 0.5, cell: Cell | None = None
+) -> MotionPlan:
     """Return the plan that brings an arm home from where it stands at rest: straight up first, then in joint space.
 
     Raises ``MotionRefused`` if the way is not free or the joints are out of range.
@@ -199,11 +211,17 @@ def plan_home(arm: ArmModel, joints: Floats | tuple[float, ...], *, speed_fracti
         lift = replace(lift, joints=lift.joints - apart * fade**2 * (3.0 - 2.0 * fade))
     back = joint_way(lift.joints[-1] if lift else here, home, order, arm)
     ways = [way for way in (lift, back) if way is not None] or [Way.still("travel", here, arm)]
-    return _assembled(ways, order, arm, "", "", None)
+    return _assembled(ways, order, arm, "", "", None, ((cell or Cell()).table(), *(cell.fixtures if cell else ())))
 
 
 def _assembled(
-    ways: list[Way], order: MotionOrder, arm: ArmModel, skill_digest: str, recipe_id: str, main: Way | None
+    ways: list[Way],
+    order: MotionOrder,
+    arm: ArmModel,
+    skill_digest: str,
+    recipe_id: str,
+    main: Way | None,
+    boxes: tuple[Box, ...],
 ) -> MotionPlan:
     """Join the ways at their common samples, check what came out, and seal it."""
     step = order.time_step
@@ -232,6 +250,8 @@ def _assembled(
     sparse = _sparse(tool, joints)
     near, least = checks.check_singularity(arm, joints[sparse], since[sparse], phases[sparse])
     found += near
+    near, clearance = check_clearance(arm, joints[sparse], since[sparse], phases[sparse], boxes)
+    found += near
     low, high = np.array(arm.workspace_low), np.array(arm.workspace_high)
     outside = np.maximum(low - tool, tool - high).max(axis=1)
     if main is not None and outside.max() > 1e-6 and not found:
@@ -243,6 +263,7 @@ def _assembled(
     if any(finding.fatal for finding in found):
         raise MotionRefused([finding for finding in found if finding.fatal])
     report = {f"largest_{name}_share": share for name, share in used.items()} | {"smallest_singular_value": least}
+    report["smallest_clearance"] = clearance
     valve, events, dispense, covariances = np.empty((0, 2)), (), np.zeros(len(times), dtype=bool), np.empty((0, 3, 3))
     error = (0.0, 0.0)
     if main is not None and main.path is not None:

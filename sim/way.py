@@ -13,8 +13,9 @@ from sim import checks
 from sim.arm import ArmModel, Floats, PathLimits, Stage
 from sim.checks import Finding, MotionRefused
 from sim.kinematics import kinematics
+from sim.laws import law_for
 from sim.path import ToolPath
-from sim.timing import JointPath, SteadyLaw, TimeLaw, fastest, joint_move, law_speed, s_curve, steady
+from sim.timing import SteadyLaw, TimeLaw, joint_move, s_curve
 
 if TYPE_CHECKING:
     from sim.plan import MotionOrder
@@ -22,9 +23,7 @@ if TYPE_CHECKING:
 TRAVEL_SHARE = 0.4
 LINE_SPEED = 0.1
 LINE_ACCELERATION, LINE_JERK = 1.0, 50.0
-STEADY_SHARE = 0.98
 NEAR = 1e-9
-LATER = 1.1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -134,29 +133,8 @@ def line_way(
 
 def path_way(path: ToolPath, order: "MotionOrder", arm: ArmModel, rotation: Floats) -> Way:
     """Return the learned path in time; with a straight run-in and run-out if the speed is to be constant."""
-    bounds = arm.path_limits
-    constant = order.timing == "constant_speed"
     rate = _rate(order)
-    if constant and order.speed > bounds.speed:
-        most = bounds.speed * 1e3
-        text = f"speed is {order.speed * 1e3:.0f} mm/s: the nozzle of {arm.name} may go {most:.0f} mm/s at most"
-        raise MotionRefused([Finding("SpeedLimit", 0.0, 0.0, order.speed * 1e3 - most, "mm/s", text)])
-    even = steady(path.length, order.speed, order.time_step * rate, bounds) if constant else None
-    extra = -even.start if even is not None else 0.0
-    count = len(path.lengths) + 2 * math.ceil(extra / max(path.length / (len(path.lengths) - 1), 1e-9))
-    lengths = np.linspace(-extra, path.length + extra, count)
-    points, phases = path.points(lengths), path.phases_at(lengths)
-    shown = path.motion.times_at(phases) * ((order.duration or path.motion.duration) / path.motion.duration)
-    solved = kinematics(arm).inverse(points, rotation)
-    found = checks.check_reach(arm, points, solved, shown, phases)
-    if found:
-        raise MotionRefused(found)
-    joint_path = JointPath(lengths, solved.joints)
-    ceiling = _ceiling(path, joint_path, lengths, order, arm)
-    if even is not None:
-        law, told = _constant(path, joint_path, even, lengths, phases, ceiling, order, arm)
-    else:
-        law, told = _law(path, joint_path, lengths, phases, ceiling, order, arm)
+    law, told = law_for(path, order, arm, rotation, order.time_step * rate)
     steps = max(1, math.ceil(law.duration / rate / order.time_step - 1e-9))
     stretch = law.duration / (steps * order.time_step)
     clock = np.arange(steps + 1, dtype=np.float64) * (law.duration / steps)
@@ -187,121 +165,6 @@ def path_way(path: ToolPath, order: "MotionOrder", arm: ArmModel, rotation: Floa
         "time_step": order.time_step,
     }
     return Way("dispense", joints, tool, row_phases, path, law, stretch, (first, last), error, tuple(told), report)
-
-
-def _law(
-    path: ToolPath, joint_path: JointPath, lengths: Floats, phases: Floats, ceiling: Floats, order: "MotionOrder",
-    arm: ArmModel,
-) -> tuple[TimeLaw | SteadyLaw, list[Finding]]:  # fmt: skip
-    """Return the time law the order asks for, and what had to be slowed for it to be possible."""
-    bounds, limits = arm.path_limits, arm.limits
-    if order.timing == "time_optimal":
-        return fastest(joint_path, limits, bounds, np.full(len(lengths), math.inf), ceiling)[0], []
-    shown = path.motion.times_at(phases)
-    pace = np.diff(lengths) / np.maximum(np.diff(shown), 1e-9)
-    natural = np.minimum(np.concatenate([[pace[0]], pace]), np.concatenate([pace, [pace[-1]]]))
-    wanted = order.duration or (path.length / order.speed if order.speed > 0.0 else float(shown[-1]))
-    scale = float(shown[-1]) / wanted
-    law, _ = fastest(joint_path, limits, bounds, natural * scale, ceiling)
-    for _ in range(12):
-        if abs(law.duration - wanted) < 1e-3 * wanted:
-            break
-        better = scale * law.duration / wanted
-        if better > 50 * scale or better < 1e-3:
-            break
-        trial, _ = fastest(joint_path, limits, bounds, natural * better, ceiling)
-        if trial.duration > law.duration - 1e-6 and law.duration > wanted:
-            break
-        scale, law = better, trial
-    found: list[Finding] = []
-    if law.duration > LATER * wanted and (order.duration or order.speed):
-        text = f"the path cannot be run in {wanted:.3g} s: {arm.name} needs at least {law.duration:.3g} s"
-        raise MotionRefused([Finding("SpeedLimit", math.nan, math.nan, law.duration - wanted, "s", text)])
-    slow = np.minimum(ceiling, bounds.speed) < 0.99 * natural * scale
-    if slow.any():
-        i = int(np.argmax(np.where(slow, natural * scale / np.minimum(ceiling, bounds.speed), 0.0)))
-        text = (
-            f"slowed to {ceiling[i] * 1e3:.0f} mm/s at {100 * phases[i]:.1f} % of the path, where the people went "
-            f"{natural[i] * scale * 1e3:.0f} mm/s: {arm.name} cannot turn faster there"
-        )
-        found.append(
-            Finding("SpeedLimit", float(shown[i]), float(phases[i]), float(ceiling[i]) * 1e3, "mm/s", text, fatal=False)
-        )
-    return law, found
-
-
-def _constant(
-    path: ToolPath, joint_path: JointPath, law: SteadyLaw, lengths: Floats, phases: Floats, ceiling: Floats,
-    order: "MotionOrder", arm: ArmModel,
-) -> tuple[TimeLaw | SteadyLaw, list[Finding]]:  # fmt: skip
-    """Return constant speed over the whole path.
-
-    Refuse it, or slow down in corners and tell, where it is impossible.
-    """
-    bounds = arm.path_limits
-    grid = np.linspace(0.0, law.duration, int(np.clip(law.duration / 5e-4, 200, 200_000)))
-    at, factor = joint_path.excess(law, arm.limits, grid)
-    highest = STEADY_SHARE * order.speed / np.maximum(factor, 1e-9)
-    inside = (at >= 0.0) & (at <= path.length)
-    i = int(np.argmin(np.where(inside, highest, math.inf)))
-    if highest[i] >= order.speed and factor.max() <= 1.0 and not sharp_corners(path, lengths):
-        return law, []
-    where = float(np.interp(at[i], lengths, phases))
-    time = float(grid[i] - grid[int(np.argmax(inside))])
-    allowed = min(float(highest[i]), order.speed, *(float(ceiling[k]) for k, _ in sharp_corners(path, lengths)))
-    short = (order.speed - allowed) * 1e3
-    what = f"at {time:.2f} s, {100 * where:.1f} % of the path, a corner allows {allowed * 1e3:.0f} mm/s"
-    if order.corners == "refuse":
-        text = (
-            f"constant {order.speed * 1e3:.0f} mm/s is impossible: {what}: lower the speed, give a blend radius, "
-            "or allow slowing in corners"
-        )
-        raise MotionRefused([Finding("SpeedLimit", time, where, short, "mm/s", text)])
-    slower, _ = fastest(joint_path, arm.limits, bounds, np.full(len(lengths), order.speed), ceiling)
-    lowest = float(law_speed(slower, lengths)[(lengths >= 0.0) & (lengths <= path.length)].min())
-    text = f"slowed from {order.speed * 1e3:.0f} to {lowest * 1e3:.0f} mm/s in corners: {what}"
-    return slower, [Finding("SpeedLimit", time, where, short, "mm/s", text, fatal=False)]
-
-
-def _ceiling(path: ToolPath, joint_path: JointPath, lengths: Floats, order: "MotionOrder", arm: ArmModel) -> Floats:
-    """Return the speed (g,) in m/s that joints, time step and sharp corners allow at each arc length."""
-    ceiling = joint_path.ceiling(arm.limits)
-    step = order.time_step * _rate(order)
-    with np.errstate(divide="ignore"):
-        by_chord = np.sqrt(8.0 * order.chord_tolerance / curvature(path, lengths)) / step
-    if order.timing != "constant_speed" or order.corners == "slow":
-        ceiling = np.minimum(ceiling, 0.95 * by_chord)
-    for i, angle in sharp_corners(path, lengths):
-        turn = np.abs(joint_path.first[i]) * angle
-        with np.errstate(divide="ignore"):
-            ceiling[i] = min(ceiling[i], float((0.25 * np.array(arm.limits.acceleration) / turn).min()) * step)
-    return ceiling
-
-
-def curvature(path: ToolPath, lengths: Floats) -> Floats:
-    """Return the curvature (g,) in 1/m of the nozzle's way."""
-    points = path.points(lengths)
-    first = np.gradient(points, lengths, axis=0)
-    second = np.gradient(first, lengths, axis=0)
-    return np.sqrt((np.cross(first, second) ** 2).sum(axis=1))
-
-
-def sharp_corners(path: ToolPath, lengths: Floats) -> list[tuple[int, float]]:
-    """Return grid indices at which the path has a corner without radius, and the angle in rad it turns there."""
-    points = path.points(lengths)
-    way = np.diff(points, axis=0)
-    way /= np.maximum(np.sqrt((way**2).sum(axis=1, keepdims=True)), 1e-15)
-    turn = np.arccos(np.clip((way[1:] * way[:-1]).sum(axis=1), -1.0, 1.0))
-    spacing = float(lengths[1] - lengths[0])
-    found: list[tuple[int, float]] = []
-    for i in np.flatnonzero(turn > 0.1) + 1:
-        fine = path.points(np.linspace(lengths[i] - spacing, lengths[i] + spacing, 65))
-        short = np.diff(fine, axis=0)
-        short /= np.maximum(np.sqrt((short**2).sum(axis=1, keepdims=True)), 1e-15)
-        sudden = np.arccos(np.clip((short[2:] * short[:-2]).sum(axis=1), -1.0, 1.0)).max()
-        if sudden > 0.5 * turn[i - 1]:
-            found.append((int(i), float(sudden)))
-    return found
 
 
 def _path_error(path: ToolPath, at: Floats, tool: Floats) -> tuple[tuple[float, float], float]:

@@ -1,0 +1,170 @@
+"""How near an arm comes to itself, its table, the part and the fixtures around, by capsules and boxes.
+
+Capsules cover every link (``ArmModel.capsules``, from the arm's limits file), so a distance here is never larger than
+the true one. Segment to segment follows Ericson, Real-Time Collision Detection, 5.1.9; segment to box is a convex
+function of the place on the segment, found by golden sections.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from sim.arm import ArmModel, Floats, Pose
+from sim.checks import Finding
+from sim.kinematics import kinematics
+
+MARGIN = 5e-3
+PART_BORDER = 0.02
+GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
+SECTIONS = 32
+# What stands on the table belongs there, and the needle has to come near the part.
+ON_THE_TABLE = ("link0", "link1")
+
+
+@dataclass(frozen=True, slots=True)
+class Box:
+    """Something in the way: a box of full ``size`` (m) whose middle is at ``pose`` in the arm's base frame."""
+
+    name: str
+    pose: Pose
+    size: tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """What surrounds an arm. ``table_height`` is the plane it stands on; ``fixtures`` are clamps, walls, feeders."""
+
+    fixtures: tuple[Box, ...] = ()
+    table_height: float = 0.0
+
+    def table(self) -> Box:
+        """Return the table as a box."""
+        return Box("table", (0.0, 0.0, self.table_height - 0.5, 0.0, 0.0, 0.0, 1.0), (4.0, 4.0, 1.0))
+
+
+@dataclass(frozen=True, slots=True)
+class Nearest:
+    """The smallest distance met: between what, in m, at which row."""
+
+    distance: float
+    what: str
+    row: int
+
+
+def part_box(points: Floats, frame: Pose, table_height: float) -> Box:
+    """Return the part with what it lies on: below the part's plane, 20 mm around the path, down to the table.
+
+    ``points`` (n, 3) are the nozzle tip's on the path, in the base frame.
+    """
+    turn = Rotation.from_quat(frame[3:])
+    local = turn.inv().apply(points - np.array(frame[:3]))
+    low, high = local.min(axis=0) - PART_BORDER, local.max(axis=0) + PART_BORDER
+    depth = max(0.01, frame[2] - table_height)
+    middle = turn.apply([0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1]), -0.5 * depth]) + np.array(frame[:3])
+    x, y, z = (float(value) for value in middle)
+    return Box("part", (x, y, z, *frame[3:]), (float(high[0] - low[0]), float(high[1] - low[1]), depth))
+
+
+def check_clearance(
+    model: ArmModel, joints: Floats, times: Floats, phases: Floats, boxes: tuple[Box, ...]
+) -> tuple[list[Finding], float]:
+    """Return what comes too near over joints (n, dof), and the smallest distance in m found between anything."""
+    if not model.capsules:
+        return [], math.inf
+    found: list[Finding] = []
+    places = _capsules(model, joints)
+    nearest = [_among_links(model, places), *(_to_box(model, places, box) for box in boxes)]
+    for near in nearest:
+        if near.distance < MARGIN:
+            i, gap = near.row, near.distance * 1e3
+            state = f"{gap:.1f} mm apart" if gap >= 0.0 else f"{-gap:.1f} mm inside each other"
+            where = (
+                "on the way to or from the path"
+                if math.isnan(phases[i])
+                else f"at {times[i]:.2f} s, {100 * phases[i]:.1f} % of the path"
+            )
+            needed = f"{MARGIN * 1e3:.0f} mm are needed: move the part or clear the way"
+            text = f"{near.what} would be {state} {where}, {needed}"
+            short = MARGIN * 1e3 - gap
+            found.append(Finding("Collision", float(times[i]), float(phases[i]), short, "mm", text))
+    return found, min(near.distance for near in nearest)
+
+
+def _capsules(model: ArmModel, joints: Floats) -> list[tuple[Floats, Floats]]:
+    """Return start and end (n, 3) of every capsule in the base frame."""
+    frames = kinematics(model).frames(joints)
+    base = frames.pop("base")
+    places = []
+    for capsule in model.capsules:
+        position, rotation = frames.get(capsule.link, base)
+        places.append(tuple(position + rotation @ np.array(end) for end in (capsule.start, capsule.end)))
+    return places
+
+
+def _among_links(model: ArmModel, places: list[tuple[Floats, Floats]]) -> Nearest:
+    best = Nearest(math.inf, "", 0)
+    watched = set(model.apart)
+    for i, first in enumerate(model.capsules):
+        for j, second in enumerate(model.capsules[:i]):
+            if (second.link, first.link) in watched or (first.link, second.link) in watched:
+                gap = _between_segments(*places[i], *places[j]) - first.radius - second.radius
+                row = int(gap.argmin())
+                if gap[row] < best.distance:
+                    best = Nearest(float(gap[row]), f"{second.link} and {first.link} of {model.name}", row)
+    return best
+
+
+def _to_box(model: ArmModel, places: list[tuple[Floats, Floats]], box: Box) -> Nearest:
+    best = Nearest(math.inf, "", 0)
+    needle = model.capsules[-1]
+    for capsule, (start, end) in zip(model.capsules, places, strict=True):
+        if capsule.link in ON_THE_TABLE and box.name in {"table", "part"}:
+            continue
+        if capsule is needle and box.name in {"table", "part"}:
+            continue
+        gap = _to_box_from_segment(start, end, box) - capsule.radius
+        row = int(gap.argmin())
+        if gap[row] < best.distance:
+            best = Nearest(float(gap[row]), f"{capsule.link} of {model.name} and the {box.name}", row)
+    return best
+
+
+def _between_segments(p1: Floats, q1: Floats, p2: Floats, q2: Floats) -> Floats:
+    """Return the distance (n,) between segments p1-q1 and p2-q2, each (n, 3)."""
+    d1, d2, r = q1 - p1, q2 - p2, p1 - p2
+    a, e, f = _dot(d1, d1) + 1e-18, _dot(d2, d2) + 1e-18, _dot(d2, r)
+    b, c = _dot(d1, d2), _dot(d1, r)
+    across = a * e - b * b
+    s = np.where(across > 1e-12, np.clip((b * f - c * e) / np.maximum(across, 1e-12), 0.0, 1.0), 0.0)
+    t = (b * s + f) / e
+    s = np.where(t < 0.0, np.clip(-c / a, 0.0, 1.0), np.where(t > 1.0, np.clip((b - c) / a, 0.0, 1.0), s))
+    gap = r + d1 * s[:, None] - d2 * np.clip(t, 0.0, 1.0)[:, None]
+    return np.sqrt(_dot(gap, gap))
+
+
+def _to_box_from_segment(start: Floats, end: Floats, box: Box) -> Floats:
+    """Return the distance (n,) between segments and a box.
+
+    Inside the box it is minus the depth of the deepest point.
+    """
+    turn = Rotation.from_quat(box.pose[3:]).as_matrix()
+    middle, half = np.array(box.pose[:3]), 0.5 * np.array(box.size)
+    start, end = (start - middle) @ turn, (end - middle) @ turn
+
+    def gap(part: Floats) -> Floats:
+        outside = np.abs(start + part[:, None] * (end - start)) - half
+        beyond = np.maximum(outside, 0.0)
+        return np.sqrt(_dot(beyond, beyond)) + np.minimum(outside.max(axis=1), 0.0)
+
+    low, high = np.zeros(len(start)), np.ones(len(start))
+    for _ in range(SECTIONS):
+        left, right = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
+        keep_left = gap(left) < gap(right)
+        low, high = np.where(keep_left, low, left), np.where(keep_left, right, high)
+    return np.minimum(gap(0.5 * (low + high)), np.minimum(gap(np.zeros(len(start))), gap(np.ones(len(start)))))
+
+
+def _dot(a: Floats, b: Floats) -> Floats:
+    return (a * b).sum(axis=1)
