@@ -15,8 +15,10 @@ from starlette.middleware.trustedhost import TrustedHostMiddleware
 
 from opcua_skill.panel.frame import STATIC, framed
 from opcua_skill.panel.pages.library import library_page
+from opcua_skill.panel.pages.run import run_page
 from opcua_skill.panel.pages.sign_in import sign_in_page
 from opcua_skill.panel.pages.skill import skill_page
+from opcua_skill.panel.pages.teach import teach_page
 from opcua_skill.panel.sessions import Sessions
 
 LOOPBACK = ("127.0.0.1", "localhost", "[::1]", "::1")
@@ -85,6 +87,18 @@ def build(sessions: Sessions) -> None:
     @ui.page("/skill/{name}")
     async def _skill(request: Request, name: str, version: str = "0") -> Response | None:
         return await skill(request, name=name, version=version)
+
+    teach = signed_in(teach_page, "Teach")
+
+    @ui.page("/teach")
+    async def _teach(request: Request) -> Response | None:
+        return await teach(request)
+
+    running = signed_in(run_page, "Run")
+
+    @ui.page("/run")
+    async def _run(request: Request, skill: str = "", version: str = "0") -> Response | None:
+        return await running(request, skill=skill, version=version)
 
     @app.get("/healthz")
     def healthy() -> dict[str, bool]:

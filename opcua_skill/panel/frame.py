@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from nicegui import Client, ui
-from nicegui.events import KeyEventArguments, ValueChangeEventArguments
+from nicegui.events import Handler, KeyEventArguments, ValueChangeEventArguments
 
 from opcua_skill.client import ClientError
 from opcua_skill.panel.session import PanelSession, Station
@@ -76,7 +76,7 @@ class Frame:
 def choose(
     options: list[str] | dict[str, str],
     value: str | None,
-    on_change: Callable[[ValueChangeEventArguments[Any]], Any] | None = None,
+    on_change: Handler[ValueChangeEventArguments[Any]] | None = None,
     label: str | None = None,
 ) -> ui.select:
     """Return a drop-down list that never becomes a dialog, not even on a tablet: a dialog would cover Stop motion."""

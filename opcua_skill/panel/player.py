@@ -1,0 +1,74 @@
+"""The player: a run's commanded and measured path, played in the browser, and the arm's way while it moves."""
+
+from pathlib import Path as FilePath
+
+import numpy as np
+from nicegui.element import Element
+from nicegui.elements.echart import EChart
+
+from models.demonstration import Floats
+from opcua_skill.client import JobTrace, Path, Recipe
+from opcua_skill.panel.words import Words
+
+SHOWN_SAMPLES = 1500
+ECHARTS = EChart  # importing it puts its bundle on the page, which the component below draws with
+
+
+class Player(Element, component=FilePath(__file__).parent / "static" / "player.js"):
+    """The player in the browser."""
+
+    def __init__(self, words: Words, height: str) -> None:
+        super().__init__()
+        self._props["labels"] = {
+            "time": words("time"),
+            "speed": words("speed of the animation"),
+            "away": words("measured from commanded"),
+        }
+        self._props["height"] = height
+
+    def load(self, job_id: str, trace: JobTrace, *, play: bool) -> None:
+        """Show a run that has ended."""
+        shown = spread(len(trace.times))
+        self.run_method(
+            "load",
+            {
+                "job": job_id,
+                "play": play,
+                "times": np.round(trace.times[shown], 4).tolist(),
+                "commanded": np.round(1000.0 * trace.commanded[shown, :3], 3).tolist(),
+                "measured": np.round(1000.0 * trace.measured[shown, :3], 3).tolist(),
+            },
+        )
+
+    def plan(self, points: Floats) -> None:
+        """Show where the nozzle is to go: points (n, 3) in m in the arm's base."""
+        self.run_method("plan", np.round(1000.0 * points[spread(len(points))], 2).tolist())
+
+    def begin(self) -> None:
+        """Make room for a run that starts."""
+        self.run_method("begin")
+
+    def live(self, point: Floats) -> None:
+        """Show where the nozzle is now: x y z in m."""
+        self.run_method("live", np.round(1000.0 * point, 2).tolist())
+
+
+def spread(count: int) -> list[int]:
+    """Return which of ``count`` samples are shown: the first, the last, and evenly between."""
+    return np.unique(np.linspace(0, count - 1, min(count, SHOWN_SAMPLES)).round().astype(int)).tolist() if count else []
+
+
+def in_base(path: Path, recipe: Recipe) -> Floats:
+    """Return a path in the part's frame as points (n, 3) in the arm's base, the standoff above the part."""
+    x, y, z, w = recipe.frame[3:]
+    turn = np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+    points = np.zeros((len(path.times), 3))
+    points[:, : path.points.shape[1]] = path.points
+    points[:, 2] += recipe.standoff
+    return points @ turn.T + np.array(recipe.frame[:3])
