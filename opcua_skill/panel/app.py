@@ -15,6 +15,8 @@ from starlette.middleware.trustedhost import TrustedHostMiddleware
 
 from opcua_skill.panel.frame import STATIC, framed
 from opcua_skill.panel.pages.library import library_page
+from opcua_skill.panel.pages.recipes import recipes_page
+from opcua_skill.panel.pages.records import records_page
 from opcua_skill.panel.pages.run import run_page
 from opcua_skill.panel.pages.sign_in import sign_in_page
 from opcua_skill.panel.pages.skill import skill_page
@@ -99,6 +101,18 @@ def build(sessions: Sessions) -> None:
     @ui.page("/run")
     async def _run(request: Request, skill: str = "", version: str = "0") -> Response | None:
         return await running(request, skill=skill, version=version)
+
+    recipes = signed_in(recipes_page, "Run")
+
+    @ui.page("/recipes")
+    async def _recipes(request: Request, skill: str = "") -> Response | None:
+        return await recipes(request, skill=skill)
+
+    records = signed_in(records_page, "Records")
+
+    @ui.page("/records")
+    async def _records(request: Request) -> Response | None:
+        return await records(request)
 
     @app.get("/healthz")
     def healthy() -> dict[str, bool]:

@@ -1,0 +1,67 @@
+"""Records: what the server told since one signed in (audit events among it), and the jobs of every workstation."""
+
+from nicegui import ui
+
+from opcua_skill.panel.frame import Frame
+from opcua_skill.panel.shown import mm, moment, state_tag
+
+MOST = 150
+SEVERE = 500
+
+
+async def records_page(frame: Frame) -> None:
+    """Show events and jobs, newest first; both go on while one looks."""
+    words, session = frame.words, frame.session
+    with ui.element("div").classes("columns half-columns"):
+        with ui.element("div").classes("sheet stack"):
+            ui.label(words("What happened since you signed in")).classes("sheet-title")
+            only = ui.checkbox(words("only refusals, faults and stops")).props("dense")
+            with ui.element("table").classes("panel-table jobs-table").mark("events") as events:
+                pass
+        with ui.element("div").classes("sheet stack"):
+            ui.label(words("Jobs")).classes("sheet-title")
+            with ui.element("table").classes("panel-table jobs-table").mark("all-jobs") as jobs:
+                pass
+    shown: dict[str, object] = {}
+
+    def show() -> None:
+        newest = (session.happenings[0].number if session.happenings else 0, only.value)
+        if shown.get("events") != newest:
+            shown["events"] = newest
+            events.clear()
+            with events:
+                for one in [it for it in session.happenings if not only.value or it.event.severity >= SEVERE][:MOST]:
+                    with ui.element("tr"):
+                        with ui.element("td"):
+                            ui.label(f"{one.at.astimezone():%H:%M:%S}").classes("mono")
+                        with ui.element("td").classes("wraps"):
+                            bad = one.event.severity >= SEVERE
+                            label = ui.label(f"{'⚠ ' if bad else ''}{one.event.message}")
+                            if bad:
+                                label.classes("check-bad")
+        known = tuple(station.jobs for station in session.stations.values())
+        if shown.get("jobs") != known:
+            shown["jobs"] = known
+            jobs.clear()
+            with jobs:
+                with ui.element("tr"):
+                    for head in ("When", "Workstation", "Skill", "Mode", "State", "RMS / largest"):
+                        with ui.element("th"):
+                            ui.label(words(head))
+                for station in session.stations.values():
+                    for job in station.jobs[:50]:
+                        with ui.element("tr"):
+                            name = f"{job.skill_name} {job.skill_version}"
+                            for cell in (moment(job.start_time), station.name, name, words(job.mode)):
+                                with ui.element("td"):
+                                    ui.label(cell)
+                            with ui.element("td").classes("wraps"):
+                                ui.html(state_tag(words, job.state), sanitize=False)
+                                if job.failure != "None":
+                                    ui.label(f"{job.failure}: {job.message}").classes("small check-bad")
+                            with ui.element("td"):
+                                rms, largest = job.tracking_error
+                                done = job.state == "Completed"
+                                ui.label(f"{mm(rms, 3)} / {mm(largest, 3)}" if done else "–").classes("mono")
+
+    frame.on_refresh(show)
