@@ -33,6 +33,8 @@ RMS_MISS = 0.0015
 MAX_MISS = 0.006
 UNCERTAINTY_RMS = 0.15
 UNCERTAINTY_MAX = 0.5
+TURN_MISS = 0.01
+MOST_PARTS = 4
 ALONG = 0.003
 RIDGE = 1e-4
 WINDOW = 0.08
@@ -72,12 +74,14 @@ def edges_of(mean: Floats) -> tuple[tuple[int, ...], bool]:
     return coarse, len(corners(mean, STRAIGHT * size)) == len(coarse)
 
 
-def fit_handover(mean: Floats, samples: Floats, uncertainty: float, components: int) -> Fit:
+def fit_handover(
+    mean: Floats, samples: Floats, uncertainty: float, components: int, turned: Floats | None = None
+) -> Fit:
     """Return the hand-over and lines for a mean path (n, d) at even clock steps 0..1.
 
     ``samples`` (r, 1 + d): clock and position of all demonstrations, for the mixture; ``uncertainty``: standard error of the mean
-    in m; ``components``: how many, 0 to choose. A polygon gets one for each edge and the widest hand-over that does not
-    cut its corners by 0.3 % of the diagonal more than the sharpest does. A curve gets the fewest of 6 to 24, with the widest hand-over, that stay
+    in m; ``components``: how many, 0 to choose; ``turned`` (n, 4): the mean orientation, if any. A polygon gets one for each
+    edge (more if the tool turns too much along an edge) and the widest hand-over that does not cut its corners by 0.3 % of the diagonal more than the sharpest does. A curve gets the fewest of 6 to 24, with the widest hand-over, that stay
     within 0.15 % (rms) and 0.6 % (anywhere) of the diagonal from the mean, or within half of its standard error.
     """
     size = diagonal(mean)
@@ -85,7 +89,7 @@ def fit_handover(mean: Floats, samples: Floats, uncertainty: float, components: 
     if polygon and components in {0, len(found) - 1}:
         bent = [count for count in CURVE_COMPONENTS if count < len(found) and not components]
         fit = _first_within(mean, samples, bent, RMS_MISS * size, MAX_MISS * size)
-        return fit or _polygon(mean, samples, found)
+        return fit or _polygon(mean, samples, _divided(mean, samples, found, turned if not components else None))
     rms = max(RMS_MISS * size, UNCERTAINTY_RMS * uncertainty)
     furthest = max(MAX_MISS * size, UNCERTAINTY_MAX * uncertainty)
     if not components:
@@ -96,6 +100,21 @@ def fit_handover(mean: Floats, samples: Floats, uncertainty: float, components: 
     tried = [fit for fit in _curves(mean, samples, count, (*CURVE_SHARPNESS, 0.7, 1.0, *POLYGON_SHARPNESS))]
     good = (fit for fit in tried if fit.rms <= rms and fit.furthest <= furthest)
     return next(good, min(tried, key=lambda fit: fit.furthest))
+
+
+def _divided(mean: Floats, samples: Floats, found: tuple[int, ...], turned: Floats | None) -> tuple[int, ...]:
+    """Return the corners, with every edge divided evenly until straight pieces follow the tool's turning to a degree."""
+    if turned is None:
+        return found
+    knots = np.array(found, dtype=np.float64)
+    for parts in range(1, MOST_PARTS + 1):
+        divided = np.interp(np.arange(parts * (len(found) - 1) + 1) / parts, np.arange(len(found)), knots)
+        edges = tuple(int(round(float(place))) for place in divided)
+        fit = _polygon(mean, samples, edges)
+        basis = fit.handover.basis(np.linspace(0.0, 1.0, len(mean)))
+        if np.abs(basis @ lines(fit.handover, turned) - turned).max() <= TURN_MISS:
+            return edges
+    return found
 
 
 def _polygon(mean: Floats, samples: Floats, found: tuple[int, ...]) -> Fit:

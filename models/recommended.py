@@ -17,6 +17,7 @@ from models.mixture import Mixture
 from models.oddness import against_direction, first_pass, odd_ones
 from models.options import LearningOptions
 from models.phase import arc_lengths, at, travelled
+from models.placing import laid_freely
 
 CLOCK_POINTS = 300
 FIT_POINTS = 100
@@ -36,6 +37,9 @@ def fit_recommended(motions: list[CleanMotion], options: LearningOptions, tell: 
         motions[index] = _until(motions[index], float(places[index][end]))
         in_part[index] = Remark("drawn more than once: the first time is used", None, None)
     curves, places = _curves(motions)
+    if options.place == "free":
+        motions = laid_freely(motions, curves)
+        curves, places = _curves(motions)
     rows = list(range(len(motions)))
     if options.reject_outliers:
         for index in against_direction(curves):
@@ -131,7 +135,9 @@ def _fit(aligned: Correspondence, options: LearningOptions) -> tuple[Fit, Corres
         aligned = aligned.at_instants(np.interp(np.linspace(0.0, 1.0, CLOCK_POINTS), times / times[-1], index))
     mean = mean_of(aligned.points, aligned.weights)
     spread = float(np.sqrt(np.nanmean(((aligned.points - mean) ** 2).sum(axis=2))))
-    fit = fit_handover(mean, _samples(aligned), spread / np.sqrt(len(aligned.points)), options.components)
+    turned = None if aligned.orientations is None else mean_of(aligned.orientations, aligned.weights)
+    uncertainty = spread / np.sqrt(len(aligned.points))
+    fit = fit_handover(mean, _samples(aligned), uncertainty, options.components, turned)
     path = fit.handover.basis(np.linspace(0.0, 1.0, CLOCK_POINTS)) @ fit.coefficients
     return fit, aligned.at_instants(retimed(path, mean))
 

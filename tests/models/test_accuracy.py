@@ -1,0 +1,205 @@
+"""How near the learned path comes to the truth, and which demonstrations are found out."""
+
+import numpy as np
+import pytest
+
+from models.demonstration import Demonstration
+from models.evaluation import corner_error, end_error, frechet, path_rms, smoothness
+from models.learning import LearnedMotion, LearningOptions, VerdictKind, learn
+from models.people import ZIGZAG_IN_SPACE, simulated_people, true_orientations
+
+EVEN = np.linspace(0.0, 1.0, 2001)
+SEEDS = (0, 1, 2)
+
+
+def kinds(learned: LearnedMotion) -> list[VerdictKind]:
+    return [verdict.kind for verdict in learned.verdicts]
+
+
+def errors_mm(learned: LearnedMotion, truth: np.ndarray) -> np.ndarray:
+    path = learned.motion.points_at(EVEN)
+    return 1e3 * np.array(
+        [path_rms(path, truth), frechet(path, truth), corner_error(path, truth[1:-1]), end_error(path, truth)]
+    )
+
+
+@pytest.mark.parametrize("reflections", [False, True])
+@pytest.mark.parametrize("early_release", [0, 4])
+def test_twenty_sloppy_people_make_a_path_near_the_truth(reflections: bool, early_release: int) -> None:
+    found = []
+    for seed in SEEDS:
+        people, truth = simulated_people(20, seed, reflections, early_release)
+        learned = learn(people)
+        assert learned.report.components == 4
+        found.append(errors_mm(learned, truth))
+    rms, furthest, corners, ends = np.mean(found, axis=0)
+    assert rms <= 0.54
+    assert furthest <= 1.3
+    assert corners <= 0.7
+    assert ends <= 0.7
+
+
+def test_the_paper_preset_misses_the_ends_and_is_thrown_off_by_reflections() -> None:
+    people, truth = simulated_people(20, 0)
+    clean = errors_mm(learn(people, options=LearningOptions(preset="paper")), truth)
+    people, truth = simulated_people(20, 0, reflections=True)
+    spiked = errors_mm(learn(people, options=LearningOptions(preset="paper")), truth)
+    assert clean[3] > 3.0
+    assert spiked[0] > clean[0]
+
+
+def test_paths_in_space_are_as_near_to_the_truth() -> None:
+    found = []
+    for seed in SEEDS:
+        people, truth = simulated_people(20, seed, True, 4, corners=ZIGZAG_IN_SPACE)
+        found.append(errors_mm(learn(people), truth))
+    rms, furthest, corners, ends = np.mean(found, axis=0)
+    assert rms <= 0.7
+    assert furthest <= 1.6
+    assert corners <= 1.2
+    assert ends <= 0.9
+
+
+def test_the_tool_is_held_as_it_was_meant() -> None:
+    people, _ = simulated_people(20, 1, True, 2, corners=ZIGZAG_IN_SPACE, orientation=True)
+    flipped = [
+        Demonstration(one.demonstration_id, one.times, one.points, one.triggers, orientations=-one.orientations)
+        if index % 2 and one.orientations is not None
+        else one
+        for index, one in enumerate(people)
+    ]
+    motion = learn(flipped).motion
+    phases = np.linspace(0.0, 1.0, 501)
+    held = motion.orientations_at(phases)
+    np.testing.assert_allclose((held * held).sum(axis=1), 1.0, atol=1e-12)
+    agreement = np.abs((held * true_orientations(phases)).sum(axis=1))
+    angles = np.rad2deg(2.0 * np.arccos(np.minimum(agreement, 1.0)))
+    assert np.sqrt((angles**2).mean()) <= 1.0
+    assert angles.max() <= 2.5
+
+
+def test_all_early_releases_are_found_and_hardly_any_false_one() -> None:
+    missed, false = 0, 0
+    for seed in range(4):
+        people, _ = simulated_people(20, seed, True, 4)
+        whole, _ = simulated_people(20, seed)
+        cut = [len(one.times) < len(other.times) for one, other in zip(people, whole, strict=True)]
+        part = [kind == VerdictKind.USED_IN_PART for kind in kinds(learn(people))]
+        missed += sum(was and not found for was, found in zip(cut, part, strict=True))
+        false += sum(found and not was for was, found in zip(cut, part, strict=True))
+    assert missed == 0
+    assert false <= 2
+
+
+def changed(one: Demonstration, points: np.ndarray, times: np.ndarray | None = None) -> Demonstration:
+    times = one.times if times is None else times
+    return Demonstration(one.demonstration_id, times, points, np.ones(len(times), dtype=bool))
+
+
+def test_a_late_start_is_found_and_the_start_kept() -> None:
+    people, truth = simulated_people(12, 2)
+    late = [changed(one, one.points[300:], one.times[300:] - one.times[300]) for one in people[:2]]
+    learned = learn([*late, *people[2:]])
+    assert [verdict.kind for verdict in learned.verdicts[:2]] == [VerdictKind.USED_IN_PART] * 2
+    assert all("started at" in verdict.reason for verdict in learned.verdicts[:2])
+    assert errors_mm(learned, truth)[3] <= 1.5
+
+
+def test_one_odd_demonstration_does_not_bend_the_path() -> None:
+    people, _ = simulated_people(7, 3)
+    plain = learn(people[1:]).motion.points_at(EVEN)
+    bent = people[0].points.copy()
+    bump = np.exp(-(((np.arange(len(bent)) / len(bent)) - 0.4) ** 2) / 0.004)
+    bent[:, 1] += 0.03 * bump
+    learned = learn([changed(people[0], bent), *people[1:]])
+    verdict = learned.verdicts[0]
+    assert verdict.kind == VerdictKind.LEFT_OUT
+    assert verdict.fault == "odd"
+    assert verdict.place is not None and abs(verdict.place - 0.4) < 0.2
+    assert verdict.size is not None and verdict.size > 0.01
+    assert "mm above the others" in verdict.reason
+    np.testing.assert_allclose(learned.motion.points_at(EVEN), plain, atol=1e-9)
+
+
+def test_an_odd_one_is_kept_when_rejection_is_switched_off() -> None:
+    people, _ = simulated_people(7, 3)
+    bent = people[0].points + np.array([0.0, 0.03]) * (np.arange(len(people[0].points)) > 400)[:, None]
+    learned = learn([changed(people[0], bent), *people[1:]], options=LearningOptions(reject_outliers=False))
+    assert VerdictKind.LEFT_OUT not in kinds(learned)
+
+
+def test_drawing_backwards_is_recognised() -> None:
+    people, truth = simulated_people(6, 4)
+    learned = learn([changed(people[0], people[0].points[::-1].copy()), *people[1:]])
+    assert learned.verdicts[0].kind == VerdictKind.LEFT_OUT
+    assert "opposite direction" in learned.verdicts[0].reason
+    assert errors_mm(learned, truth)[0] < 1.5
+
+
+def test_drawing_twice_is_recognised_and_the_first_time_used() -> None:
+    people, truth = simulated_people(6, 5)
+    one = people[0]
+    back = np.linspace(one.points[-1], one.points[0], 100)
+    points = np.concatenate([one.points, back, one.points])
+    times = np.arange(len(points)) * 0.01
+    learned = learn([changed(one, points, times), *people[1:]])
+    assert learned.verdicts[0].kind == VerdictKind.USED_IN_PART
+    assert "more than once" in learned.verdicts[0].reason
+    assert errors_mm(learned, truth)[0] < 1.5
+
+
+def test_another_shape_among_them_is_left_out() -> None:
+    people, _ = simulated_people(8, 6)
+    angle = np.linspace(0.0, 2.0 * np.pi, 800)
+    circle = 0.03 * np.column_stack([np.cos(angle), np.sin(angle)]) + np.array([0.035, 0.045])
+    other = Demonstration("circle", np.arange(800) * 0.01, circle, np.ones(800, dtype=bool))
+    learned = learn([other, *people])
+    assert learned.verdicts[0].fault == "odd"
+    assert learned.report.components == 4
+
+
+def test_a_pause_changes_the_timing_and_not_the_path() -> None:
+    people, truth = simulated_people(6, 7)
+    one = people[0]
+    points = np.concatenate([one.points[:400], np.repeat(one.points[400:401], 300, axis=0), one.points[400:]])
+    learned = learn([changed(one, points, np.arange(len(points)) * 0.01), *people[1:]])
+    assert learned.verdicts[0].kind == VerdictKind.USED
+    assert errors_mm(learned, truth)[0] < 1.3
+
+
+def test_people_who_draw_at_other_places_and_sizes_do_not_make_a_limp_shape() -> None:
+    people, truth = simulated_people(10, 8)
+    generator = np.random.default_rng(0)
+    spread = [
+        changed(one, (one.points - truth.mean(axis=0)) * generator.uniform(0.7, 1.3) + generator.normal(0, 0.01, 2))
+        for one in people
+    ]
+    learned = learn(spread)
+    path = learned.motion.points_at(EVEN)
+    assert learned.report.components == 4
+    edges = np.array([np.ptp(path[:, 0]), np.ptp(path[:, 1])]) / np.ptp(truth, axis=0)
+    np.testing.assert_allclose(edges, 1.0, atol=0.12)
+
+
+def test_placed_freely_they_are_laid_upon_each_other() -> None:
+    people, truth = simulated_people(8, 9)
+    generator = np.random.default_rng(1)
+    spread = []
+    for one in people:
+        angle = generator.normal(0.0, 0.5)
+        turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+        centred = (one.points - truth.mean(axis=0)) @ turn.T
+        spread.append(changed(one, centred * generator.uniform(0.6, 1.5) + generator.normal(0, 0.05, 2)))
+    learned = learn(spread, options=LearningOptions(place="free"))
+    path = learned.motion.points_at(EVEN)
+    size = np.sqrt((np.ptp(path, axis=0) ** 2).sum())
+    assert max(learned.report.repeatability) < 0.05 * size
+    assert learned.report.components == 4
+
+
+def test_paths_of_real_people_are_smooth_and_near_their_mean(lasa_shape: list[Demonstration]) -> None:
+    learned = learn(lasa_shape)
+    size = np.sqrt((np.ptp(learned.motion.points_at(EVEN), axis=0) ** 2).sum())
+    assert learned.report.path_error["rms"] <= 0.006 * size
+    assert learned.report.path_error["max"] <= 0.012 * size
+    assert smoothness(learned.motion.points_at(np.linspace(0.0, 1.0, 300))) >= -13.0
