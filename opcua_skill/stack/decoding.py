@@ -20,6 +20,8 @@ from opcua_skill.stack.limits import Limits
 
 _limits = Limits()
 _depth = 0
+_UNCOUNTED = 2**62
+_elements_left = _UNCOUNTED
 _INT32 = struct.Struct("<i")
 _NESTING = frozenset({ua.VariantType.Variant, ua.VariantType.ExtensionObject, ua.VariantType.DiagnosticInfo})
 MALFORMED = (
@@ -37,6 +39,8 @@ MALFORMED = (
 
 def decode(kind: Any, body: Buffer) -> Any:
     """Return a structure read from a message body; BadDecodingError or BadEncodingLimitsExceeded if it is not one."""
+    global _elements_left
+    _elements_left = _limits.elements_per_message
     try:
         return ua_binary.struct_from_binary(kind, body)
     except uaerrors.BadEncodingLimitsExceeded:
@@ -45,6 +49,8 @@ def decode(kind: Any, body: Buffer) -> Any:
         raise uaerrors.BadEncodingLimitsExceeded() from None
     except MALFORMED:
         raise uaerrors.BadDecodingError() from None
+    finally:
+        _elements_left = _UNCOUNTED
 
 
 def install(limits: Limits) -> None:
@@ -96,6 +102,14 @@ def _length(data: Any, largest: int) -> int:
     return length
 
 
+def _count(length: int) -> None:
+    """Count elements that are decoded one by one: nested arrays, each within its limit, must not add up either."""
+    global _elements_left
+    _elements_left -= length
+    if _elements_left < 0:
+        raise uaerrors.BadEncodingLimitsExceeded()
+
+
 def _unpack_bytes(data: Any) -> bytes | None:
     length = _length(data, _limits.string)
     return None if length == -1 else data.read(length)
@@ -127,6 +141,7 @@ def _array_decoder(kind: Any) -> Callable[[Any], list[Any] | None]:
 
     def decode_others(data: Any) -> list[Any] | None:
         length = _length(data, _limits.array_of_others)
+        _count(length)
         return None if length == -1 else [element(data) for _ in range(length)]
 
     return decode_others
@@ -139,6 +154,7 @@ def _list_decoder(kind: Any) -> Callable[[Any], list[Any]]:
     def decode_list(data: Any) -> list[Any]:
         nonlocal element
         length = _length(data, _limits.array_of_others)
+        _count(length)
         if element is None:  # looked up late: structures may hold lists of themselves
             element = ua_binary._create_type_deserializer(kind, type(None))
         return [element(data) for _ in range(length)]

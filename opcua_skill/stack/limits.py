@@ -27,7 +27,8 @@ class Limits:
     smallest_client_buffer: int = 8192
     # decoding
     array_of_primitives: int = 2_000_000
-    array_of_others: int = 10_000
+    array_of_others: int = 2_000
+    elements_per_message: int = 6_000
     string: int = 8 * 1024 * 1024
     nesting: int = 32
     # sessions
@@ -38,12 +39,12 @@ class Limits:
     session_timeout_ms: float = 120_000
     detached_sessions_per_user: int = 3
     # services
-    operations_per_request: int = 2_000
+    operations_per_request: int = 1_000
     calls_per_request: int = 20
-    browses_per_request: int = 500
+    browses_per_request: int = 250
     path_elements: int = 64
     references_per_browse: int = 1_000
-    references_per_request: int = 10_000
+    references_per_request: int = 2_000
     continuation_points: int = 10
     # subscriptions
     subscriptions: int = 500

@@ -30,6 +30,7 @@ log = logging.getLogger(__name__)
 
 CALLS_AT_ONCE = 8
 LONG_CALL_SECONDS = 0.05
+HEAVY_SECONDS, LONGEST_PAUSE = 0.02, 0.25
 CLOSE = 0
 CHUNK_TOLERANCE = 1024
 LIFETIME_MS = (10_000, 3_600_000)
@@ -47,7 +48,7 @@ class Processor(UaProcessor):
         super().__init__(internal_server, transport, limits)
         self.sessions_tried = 0
         self.failed_sign_ins = 0
-        self.counted_bytes = 0
+        self.spent = 0.0
         self._calls: set[asyncio.Task[int | None]] = set()
         self._channel: Channel | None = None
         self._channel_until = float("inf")
@@ -182,14 +183,23 @@ class Processor(UaProcessor):
             return None
         service = type_id.Identifier if type_id.NamespaceIndex == 0 else None
         if service != _CALL:
-            return await self._answer(service, header, seqhdr, body)
+            closing = await self._answer(service, header, seqhdr, body)
+            await self.give_way()
+            return closing
         while len(self._calls) >= CALLS_AT_ONCE:
             await asyncio.wait(self._calls, return_when=asyncio.FIRST_COMPLETED)
+        await self.give_way()
         call = asyncio.create_task(self._answer(service, header, seqhdr, body))
         self._calls.add(call)
         call.add_done_callback(self._calls.discard)
         await asyncio.wait({call}, timeout=LONG_CALL_SECONDS)
         return None
+
+    async def give_way(self) -> None:
+        """Let others go first for as long as this peer's heavy messages have kept them waiting."""
+        spent, self.spent = self.spent, 0.0
+        if spent > HEAVY_SECONDS:
+            await asyncio.sleep(min(spent, LONGEST_PAUSE))
 
     async def _answer(self, service: Any, header: Any, seqhdr: Any, body: Buffer) -> int | None:
         """Answer one request; what goes wrong becomes a service fault with the code that fits."""
@@ -202,8 +212,13 @@ class Processor(UaProcessor):
             if entry is None:
                 raise ServiceError(Codes.BadServiceUnsupported)
             kind, answer = entry
-            response = await answer(self, session, decode(kind, body))
+            begun = time.perf_counter()
+            params = decode(kind, body)
+            decoded = time.perf_counter()
+            response = await answer(self, session, params)
+            answered = time.perf_counter()
             self.send_response(header.RequestHandle, seqhdr, response)
+            self.spent += decoded - begun + time.perf_counter() - answered
         except (ServiceError, UaStatusCodeError) as error:
             self._fault(header.RequestHandle, seqhdr, int(error.code))
         except InvalidSignature:

@@ -183,7 +183,6 @@ class Connection(OPCUAProtocol):
         code = await processor.process_chunk(header, frame)
         now_unfinished = processor.unfinished_bytes
         self._server.unfinished_bytes += now_unfinished - before
-        processor.counted_bytes = now_unfinished
         if not now_unfinished:
             self.unfinished_since = None
         elif self.unfinished_since is None:

@@ -120,12 +120,16 @@ async def insider(scene: Scene) -> AsyncIterator[Client]:
     client = await client_of(scene.url, Path(scene.folder))
     client.set_user("operator")
     await client.connect()
+    transport = client.uaclient.protocol.transport
     try:
         yield client
     finally:
         with contextlib.suppress(ua.UaError, OSError, TimeoutError, asyncio.TimeoutError):
             async with asyncio.timeout(5):
                 await client.disconnect()
+        if transport is not None:
+            transport.abort()
+            await asyncio.sleep(0)
 
 
 async def raw_request(client: Client, kind: int, body: bytes, *, timestamp: int | None = None) -> int:

@@ -5,7 +5,6 @@ import json
 import os
 import subprocess
 import sys
-import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
@@ -13,6 +12,7 @@ from pathlib import Path
 
 PAGE = os.sysconf("SC_PAGE_SIZE")
 MIB = 1024 * 1024
+READS_FOR_A_PERCENTILE = 100
 
 
 @dataclass
@@ -46,10 +46,12 @@ class Scene:
         self.sign_ins.clear()
         yield
         await self.witnessed(reads=20, sign_ins=1)
+        while len(self.reads) < READS_FOR_A_PERCENTILE:
+            await self.witnessed(reads=10, sign_ins=0)
         ordered = sorted(self.reads)
         slowest = ordered[min(len(ordered) - 1, int(len(ordered) * 0.99))]
-        assert slowest < 0.25, f"99 of 100 reads took up to {slowest * 1000:.0f} ms"
-        assert max(self.sign_ins) < 5.0, f"a sign-in took {max(self.sign_ins):.1f} s"
+        assert slowest < 0.25 * crowding(), f"99 of 100 reads took up to {slowest * 1000:.0f} ms"
+        assert max(self.sign_ins) < 5.0 * crowding(), f"a sign-in took {max(self.sign_ins):.1f} s"
         grown = (self.memory() - self.started_with) / MIB
         assert grown < 64, f"the server grew by {grown:.0f} MiB"
         assert "Traceback" not in self.log(), self.log()[-3000:]
@@ -103,5 +105,6 @@ async def _listen(witness: asyncio.subprocess.Process, running: Scene) -> None:
             running.sign_ins.append(told["sign_in"])
 
 
-def seconds() -> float:
-    return time.monotonic()
+def crowding() -> float:
+    """Return how many processes share each core, at least 1: on a crowded machine everybody waits longer."""
+    return max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1))

@@ -12,7 +12,7 @@ from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
 
 from tests.opcua_skill.stack.small_server import CLIENT_URI, PASSWORD
 
-READ_EVERY, SIGN_IN_EVERY, GIVE_UP = 0.02, 1.0, 10.0
+READ_EVERY, SIGN_IN_EVERY, GIVE_UP = 0.01, 1.0, 20.0
 
 
 async def client_of(url: str, folder: Path) -> Client:

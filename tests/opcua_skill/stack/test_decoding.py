@@ -102,6 +102,15 @@ def test_arrays_of_other_than_numbers_are_limited():
         variant_from_binary(Buffer(too_many))
 
 
+def test_arrays_within_the_limit_must_not_add_up():
+    install(Limits(array_of_others=10, elements_per_message=30))
+    row = ua.Variant(["a"] * 9)
+    fits, too_many = (ua.CallMethodRequest(InputArguments=[row] * n) for n in (2, 4))
+    assert decode(ua.CallMethodRequest, Buffer(struct_to_binary(fits))) == fits
+    with pytest.raises(uaerrors.BadEncodingLimitsExceeded):
+        decode(ua.CallMethodRequest, Buffer(struct_to_binary(too_many)))
+
+
 @pytest.mark.parametrize("content", [b"\xff\xfe", b"\xed\xa0\x80", b"a\0b"])
 def test_text_is_utf_8_without_nul(content: bytes):
     with pytest.raises(uaerrors.BadDecodingError):
