@@ -1,0 +1,70 @@
+"""Every word of the panel has German, and German says nothing that the panel no longer does."""
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+from opcua_skill.client.values import ENDED
+from opcua_skill.panel import frame
+from opcua_skill.panel.german import GERMAN
+from opcua_skill.panel.pages import library, recipes, run
+from opcua_skill.panel.shown import STATE_SIGNS
+from opcua_skill.panel.strokes import NotADemonstration
+from opcua_skill.panel.words import Words, language_of
+
+PANEL = Path(frame.__file__).parent
+
+
+def said(file: Path) -> Iterator[str]:
+    """Yield every text that a file passes to ``words(…)`` or ``self.words(…)`` as a literal, or raises for a person."""
+    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.For) and getattr(node.target, "id", "") == "head":
+            yield from (one.value for one in ast.walk(node.iter) if isinstance(one, ast.Constant))
+        if isinstance(node, ast.Assign) and getattr(node.targets[0], "id", "") in ("legend", "note", "tools"):
+            found = [one.value for one in ast.walk(node.value) if isinstance(one, ast.Constant)]
+            yield from (text for text in found if text[:1].isupper())
+        if not isinstance(node, ast.Call):
+            continue
+        name = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
+        if name in ("words", NotADemonstration.__name__):
+            yield from texts(node.args[0])
+
+
+def texts(said: ast.expr) -> Iterator[str]:
+    """Yield a literal, or both arms of a choice between literals."""
+    if isinstance(said, ast.IfExp):
+        yield from texts(said.body)
+        yield from texts(said.orelse)
+    elif isinstance(said, ast.Constant) and isinstance(said.value, str):
+        yield said.value
+
+
+def tables() -> Iterator[str]:
+    """Yield the texts that the pages keep in tables."""
+    yield from (name for name, _ in frame.PAGES)
+    yield from frame.MODE_WORDS.values()
+    yield frame.LOST
+    yield from STATE_SIGNS
+    yield from library.STATES
+    yield from run.MODES
+    yield from ENDED
+    yield from recipes.TIMINGS
+    yield from recipes.TIMINGS.values()
+    for field in recipes.FIELDS:
+        yield field.label
+        if field.hint:
+            yield field.hint
+
+
+def test_every_word_has_german() -> None:
+    wanted = {text for file in PANEL.rglob("*.py") for text in said(file)} | set(tables())
+    missing = sorted(text for text in wanted if any(letter.isalpha() for letter in text) and text not in GERMAN)
+    assert not missing, "\n".join(missing)
+
+
+def test_german_is_asked_for_by_the_browser() -> None:
+    assert language_of("de-DE,de;q=0.9,en;q=0.8") == "de"
+    assert language_of("en-US,en;q=0.9,de;q=0.1") == "en"
+    assert language_of("") == "en"
+    assert Words("de")("Run") == "Ausführen"
+    assert Words("en")("Run") == "Run"
