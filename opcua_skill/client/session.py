@@ -97,6 +97,9 @@ class Session:
         except ValueError as error:
             await self.close()
             raise ClientError(f"the server at {self.url} is not an opcua-skill server") from error
+        except (OSError, TimeoutError, ua.UaError) as error:
+            await self.close()
+            raise Unreachable(f"the connection to {self.url} broke: {describe(error)}") from error
         except BaseException:
             await self.close()
             raise
@@ -240,11 +243,14 @@ class Session:
         ]
         clauses = [ua.SimpleAttributeOperand(base, path, AttributeIds.Value) for path in paths]
 
-        subscription = await self._client.create_subscription(100, None)
         try:
+            subscription = await self._client.create_subscription(100, None)
             await subscription.subscribe_events(
                 self._client.nodes.server, evfilter=ua.EventFilter(SelectClauses=clauses), queuesize=1000
             )
+        except (OSError, TimeoutError, ua.UaError) as error:
+            raise Unreachable(f"the connection to {self.url} broke: {describe(error)}") from error
+        try:
             pump = asyncio.create_task(pump_events(subscription, queue))
             try:
                 yield queue

@@ -1,14 +1,20 @@
 """Which class moves which workstation: the only place of the product that knows there is a PyBullet."""
 
+from opcua_skill.commands.faults import Fault
 from opcua_skill.settings import Settings
 from sim.arm import Arm
-from sim.arms import load
+from sim.arms import load, names
 
 
 class Arms:
     """Makes the arm of a workstation, or a fresh simulation beside it that runs as fast as it can."""
 
     def __init__(self, settings: Settings) -> None:
+        for station in settings.workstations:
+            if station.arm not in names():
+                raise Fault(
+                    f"workstation {station.name}: there is no arm {station.arm!r}, known are {', '.join(names())}"
+                )
         self._stations = {station.name: station for station in settings.workstations}
 
     def __call__(self, workstation: str, simulation: bool) -> Arm:

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from opcua_skill.commands.connection import Json
+from opcua_skill.commands.faults import Fault
 
 
 class People(StrEnum):
@@ -40,4 +41,7 @@ def demo(
         keep_serving=keep_serving,
         as_json=as_json,
     )
-    asyncio.run(main_job(wishes))
+    try:
+        asyncio.run(main_job(wishes))
+    except asyncio.CancelledError:
+        raise Fault("the demo was stopped before its end") from None

@@ -13,7 +13,7 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeEl
 from opcua_skill.client import ClientError
 from opcua_skill.demo.people import Shown, shown_by
 from opcua_skill.demo.pictures import draw
-from opcua_skill.demo.plant import Plant, running_plant
+from opcua_skill.demo.plant import Plant, panel_beside, running_plant
 from opcua_skill.demo.story import Outcome, Unmet, main_story
 from opcua_skill.demo.telling import as_json, print_table
 
@@ -49,10 +49,10 @@ async def main_job(wishes: Wishes) -> None:
         async with running_plant(wishes.arm) as plant:
             outcome, pictures = await play(plant, shown, wishes, step)
             step.done()
+            progress.stop()
+            print_table(screen, shown, outcome, pictures)
             if wishes.keep_serving:
-                progress.stop()
                 await stay(plant, screen)
-    print_table(screen, shown, outcome, pictures)
     if wishes.as_json:
         print_line(as_json(outcome, pictures))
 
@@ -64,22 +64,28 @@ async def play(plant: Plant, shown: Shown, wishes: Wishes, step: "Steps") -> tup
     except Unmet as unmet:
         raise DemoFailed(str(unmet)) from None
     step("drawing", 0.0)
-    return outcome, await draw(plant, outcome, wishes.out)
+    return outcome, await draw(plant, outcome, wishes.arm, wishes.out)
 
 
 async def stay(plant: Plant, screen: Console) -> None:
-    """Leave the server up until Ctrl-C, and say how to look around."""
-    screen.print(f"the server is at {plant.url}; Ctrl-C ends it")
-    screen.print(f"  export OPCUA_SKILL_SERVER={plant.url} OPCUA_SKILL_CLIENT_DIR={plant.client_folder}")
-    for user, password in plant.passwords.items():
-        screen.print(
-            f"  OPCUA_SKILL_USER={user} OPCUA_SKILL_PASSWORD={password} opcua-skill skills list", soft_wrap=True
-        )
+    """Leave server and panel up until Ctrl-C, and say how to look around."""
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
     for name in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(name, stop.set)
-    await stop.wait()
+    async with panel_beside(plant) as panel:
+        screen.print(f"server: {plant.url}", f"panel:  {panel}", "Ctrl-C ends both; sign in as", sep="\n", markup=False)
+        for user, password in plant.passwords.items():
+            screen.print(f"  {user:10} {password}", markup=False)
+        screen.print(
+            "on the command line:",
+            f"  export OPCUA_SKILL_SERVER={plant.url} OPCUA_SKILL_CLIENT_DIR={plant.client_folder}",
+            "  OPCUA_SKILL_PASSWORD=… opcua-skill skills list --user visitor",
+            sep="\n",
+            soft_wrap=True,
+            markup=False,
+        )
+        await stop.wait()
 
 
 def print_line(values: dict[str, Any]) -> None:

@@ -2,13 +2,15 @@
 
 import asyncio
 import contextlib
+import importlib.util
 import os
 import secrets
 import shutil
 import signal
+import socket
 import sys
 import tempfile
-from collections.abc import AsyncIterator, Mapping
+from collections.abc import AsyncIterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -85,42 +87,72 @@ async def administer(folder: Path, *words: str, typed: str = "") -> None:
 @contextlib.asynccontextmanager
 async def serving(folder: Path) -> AsyncIterator[str]:
     """Yield the address of a server on the folder; it stops when the block ends, or when this process does."""
-    log = folder / "server.log"
+    words = ("serve", "--config", str(folder / "plant.toml"), "--data", str(folder / "data"))
+    more = ("--endpoint", "opc.tcp://127.0.0.1:0", "--until-stdin-closes")
+    async with speaking(command(*words, *more), "listening on ", folder / "server.log", {}) as url:
+        yield url
+
+
+@contextlib.asynccontextmanager
+async def panel_beside(plant: Plant) -> AsyncIterator[str]:
+    """Yield the address of an operator panel for the plant, or why there is none."""
+    if importlib.util.find_spec("nicegui") is None:
+        yield "not installed: pip install 'opcua-skill[panel]'"
+        return
+    words = command("panel", "--server", plant.url, "--port", str(free_port()))
+    trusted = {"OPCUA_SKILL_CLIENT_DIR": str(plant.client_folder)}
+    async with speaking(words, "panel on ", plant.client_folder.parent / "panel.log", trusted) as url:
+        yield url
+
+
+def free_port() -> int:
+    """Return a loopback port that nobody uses now."""
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        return taken.getsockname()[1]
+
+
+@contextlib.asynccontextmanager
+async def speaking(words: Sequence[str], saying: str, log: Path, more: Mapping[str, str]) -> AsyncIterator[str]:
+    """Yield what a process prints after the words ``saying``; it is gone, with all it started, when the block ends."""
     complaints = os.open(log, os.O_WRONLY | os.O_CREAT, 0o600)
     try:
         process = await asyncio.create_subprocess_exec(
-            *command("serve", "--config", str(folder / "plant.toml"), "--data", str(folder / "data")),
-            *("--endpoint", "opc.tcp://127.0.0.1:0", "--until-stdin-closes"),
+            *words,
             stdin=asyncio.subprocess.PIPE,
             stdout=asyncio.subprocess.PIPE,
             stderr=complaints,
             start_new_session=True,
+            env={**os.environ, **more},
         )
     finally:
         os.close(complaints)
     try:
-        yield await address_of(process, log)
+        yield await heard(process, saying, log)
     finally:
         await asyncio.shield(stop(process))
 
 
-async def address_of(process: asyncio.subprocess.Process, log: Path) -> str:
-    """Return the address the server says it listens on."""
+async def heard(process: asyncio.subprocess.Process, saying: str, log: Path) -> str:
+    """Return what follows ``saying`` in what a process prints."""
     assert process.stdout is not None
     with contextlib.suppress(TimeoutError):
         async with asyncio.timeout(START_LIMIT):
             async for line in process.stdout:
-                head, _, url = line.decode().strip().partition("listening on ")
-                if url and not head:
-                    return url
+                head, _, rest = line.decode().strip().partition(saying)
+                if rest and not head:
+                    return rest
     lines = (await asyncio.to_thread(log.read_text, "utf-8", "replace")).strip().splitlines()
-    raise PlantFailed(f"the server did not start: {lines[-1] if lines else f'nothing heard for {START_LIMIT:g} s'}")
+    said = lines[-1].removeprefix("error: ") if lines else f"nothing heard for {START_LIMIT:g} s"
+    raise PlantFailed(f"it did not start: {said}")
 
 
 async def stop(process: asyncio.subprocess.Process) -> None:
-    """Let the server stop by itself, then make sure that nothing of its process group is left."""
+    """Let a process stop by itself, then make sure that nothing of its process group is left."""
     if process.stdin is not None:
         process.stdin.close()
+    with contextlib.suppress(ProcessLookupError):
+        process.send_signal(signal.SIGINT)
     with contextlib.suppress(TimeoutError):
         await asyncio.wait_for(process.wait(), STOP_LIMIT)
     with contextlib.suppress(ProcessLookupError):

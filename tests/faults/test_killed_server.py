@@ -1,0 +1,134 @@
+"""kill -9 of the server at twenty moments of the main job: the acknowledged is there, the rest whole or absent."""
+
+import asyncio
+import contextlib
+import random
+import sqlite3
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import pytest
+
+from models.people import simulated_people
+from opcua_skill.client import ClientError, SkillClient
+
+if TYPE_CHECKING:
+    from tests.conftest import Plant
+
+KILLS = 20
+PEOPLE = simulated_people(6)[0]
+LIMIT = 120.0
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
+
+
+@dataclass
+class Acknowledged:
+    """What the server has confirmed of one story before it died."""
+
+    skill: str
+    version: int = 0
+    state: str = ""
+    deployed: bool = False
+    jobs: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Stage:
+    """The plant, and how long a story takes when nobody kills it, in s."""
+
+    plant: "Plant"
+    length: float
+
+
+async def story(plant: "Plant", told: Acknowledged) -> None:
+    """Learn, approve, deploy and run, writing down every confirmation."""
+    async with (
+        plant.sign_in("teacher") as teacher,
+        plant.sign_in("engineer") as engineer,
+        plant.sign_in("mes") as mes,
+    ):
+        learned = await teacher.learn(told.skill, PEOPLE, semantic_type="Gluing")
+        told.jobs.append(learned.job_id)
+        if learned.state == "Completed":
+            told.version, told.state = learned.version, "Learned"
+        else:
+            report = await teacher.follow(learned.job_id, limit=LIMIT)
+            assert report.state == "Completed", report
+            told.version, told.state = report.skill_version, "Learned"
+        skill = await engineer.skill(told.skill)
+        told.state = await engineer.approve(told.skill, skill.version, skill.model_digest)
+        await engineer.deploy(told.skill, skill.version, "ws1")
+        told.deployed = True
+        for _ in range(2):
+            told.jobs.append((await mes.workstation("ws1").execute(told.skill)).job_id)
+        for job_id in told.jobs[1:]:
+            await mes.follow(job_id, on="ws1", limit=LIMIT)
+
+
+@pytest.fixture(scope="module")
+def stage(make_plant: Callable[..., "Plant"]) -> Stage:
+    plant = make_plant(driver="pybullet", realtime=True)
+    began = time.monotonic()
+    asyncio.run(story(plant, Acknowledged("rehearsal")))
+    return Stage(plant, time.monotonic() - began)
+
+
+async def interrupted(plant: "Plant", told: Acknowledged, after: float) -> None:
+    """Play a story and kill the server ``after`` s from its first call."""
+    playing = asyncio.create_task(story(plant, told))
+    with contextlib.suppress(TimeoutError):
+        await asyncio.wait_for(asyncio.shield(playing), after)
+    await asyncio.to_thread(plant.kill)
+    with contextlib.suppress(ClientError, OSError, asyncio.CancelledError):
+        playing.cancel()
+        await playing
+
+
+@pytest.mark.parametrize("moment", range(KILLS))
+def test_nothing_is_half_done_after_kill_9(moment: int, stage: Stage) -> None:
+    plant = stage.plant
+    told = Acknowledged(f"skill-{moment}")
+    after = (moment + random.Random(moment).random()) / KILLS * stage.length
+    asyncio.run(interrupted(plant, told, after))
+    with contextlib.closing(sqlite3.connect(plant.database)) as connection:
+        assert connection.execute("PRAGMA integrity_check").fetchone() == ("ok",)
+        assert connection.execute("PRAGMA foreign_key_check").fetchall() == []
+    plant.start()
+    asyncio.run(check(plant, told))
+
+
+async def check(plant: "Plant", told: Acknowledged) -> None:
+    """Look at everything through OPC UA, as the next shift would."""
+    async with plant.sign_in("engineer") as engineer:
+        skills = {skill.name: skill for skill in await engineer.find_skills()}
+        if told.version:
+            assert told.skill in skills, f"{told} is lost"
+            kept = await engineer.skill(told.skill, told.version)
+            assert kept.state == told.state or (told.state, kept.state) == ("Learned", "Approved"), told
+        if told.deployed:
+            assert "ws1" in skills[told.skill].workstations, told
+        for name, skill in skills.items():
+            await whole(engineer, name, skill.version)
+        workstation = engineer.workstation("ws1")
+        assert (await workstation.arm()).at_rest
+        for job in await workstation.jobs():
+            assert job.ended, job
+            assert job.state != "Failed" or job.failure == "Interrupted", job
+        for job_id in told.jobs:
+            job = await engineer.job(job_id) if job_id == told.jobs[0] else await workstation.job(job_id)
+            assert job.ended, job
+            assert job.state == "Completed" or job.failure == "Interrupted", job
+
+
+async def whole(engineer: SkillClient, name: str, version: int) -> None:
+    """Check that a version has all that belongs to it: description, recordings, path, default recipe."""
+    skill = await engineer.skill(name, version)
+    assert skill.means.shape[1:] == skill.covariances.shape[1:-1]
+    assert skill.report
+    recordings = await engineer.recordings(name, version)
+    assert len(recordings.raw) == len(PEOPLE)
+    assert recordings.aligned
+    assert len((await engineer.path(name, version)).times) > 10
+    assert await engineer.recipes(name)
