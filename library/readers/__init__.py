@@ -8,8 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from library.errors import ReaderError
+from library.readers import c3d, motive_csv, plain_csv, ros_bag, trc, vicon_csv
 from library.readers import lasa as lasa_files
-from library.readers import plain_csv
 from library.readers.choices import Choices
 from library.readers.lasa import lasa
 from library.readers.placing import common_plane, fit_to_plate, onto_plane
@@ -18,21 +18,35 @@ from models.demonstration import Demonstration
 
 __all__ = ["Choices", "common_plane", "fit_to_plate", "lasa", "onto_plane", "read", "read_all"]
 
-FORMATS = "plain CSV (.csv), LASA (.mat)"
+FORMATS = "CSV (plain, Vicon Nexus, OptiTrack Motive), .trc, .c3d, .bag, .db3, .mcap, LASA .mat"
 
 
 def read(path: str | Path, choices: Choices | None = None) -> list[Demonstration]:
     """Return the demonstrations in a file; its format is known by its name and its first lines."""
     path = Path(path)
     choices = choices or Choices()
-    if path.is_dir():
+    if path.is_dir() and not (path / "metadata.yaml").exists():
         raise ReaderError(path, "it is a folder", "name the files in it")
     suffix = path.suffix.lower()
+    if path.is_dir() or suffix in {".bag", ".db3", ".mcap"}:
+        return ros_bag.read(path, choices)
+    if suffix == ".c3d":
+        return c3d.read(path, choices)
     if suffix == ".mat":
         return lasa_files.read(path)
-    if suffix in {".csv", ".txt", ".tsv"}:
-        return plain_csv.read(Sheet.read(path), choices)
+    if suffix in {".csv", ".txt", ".tsv", ".trc"}:
+        return _read_text(Sheet.read(path), choices)
     raise ReaderError(path, f"files that end in {suffix or 'nothing'!r} are not known", f"these can be read: {FORMATS}")
+
+
+def _read_text(sheet: Sheet, choices: Choices) -> list[Demonstration]:
+    if motive_csv.is_motive(sheet):
+        return motive_csv.read(sheet, choices)
+    if trc.is_trc(sheet) or sheet.path.suffix.lower() == ".trc":
+        return trc.read(sheet, choices)
+    if vicon_csv.is_vicon(sheet):
+        return vicon_csv.read(sheet, choices)
+    return plain_csv.read(sheet, choices)
 
 
 def read_all(paths: Sequence[str | Path], choices: Choices | None = None) -> list[Demonstration]:

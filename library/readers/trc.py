@@ -1,0 +1,48 @@
+"""TRC (Motion Analysis, OpenSim): five lines of header, then frame, time and three columns a marker.
+
+Real files are separated by tabs or commas and promise more frames than they hold: the rows are believed.
+"""
+
+from library.readers.choices import Choices
+from library.readers.sheet import METRES, Sheet
+from library.readers.tracks import Track, follow, frame_times, pick, table
+from models.demonstration import Demonstration
+
+AGAIN = "export it again as TRC"
+
+
+def is_trc(sheet: Sheet) -> bool:
+    """Return whether the file begins as TRC files do."""
+    return bool(sheet.rows) and sheet.rows[0][:1] == ["PathFileType"]
+
+
+def read(sheet: Sheet, choices: Choices) -> list[Demonstration]:
+    """Return the way of the chosen marker. TRC does not say which axis points up, so it has to be chosen."""
+    if not is_trc(sheet):
+        raise sheet.error("it does not begin with PathFileType", AGAIN, 1)
+    head = {name: column for column, name in enumerate(sheet.cells(2)) if name}
+    values = sheet.cells(3)
+    if not {"DataRate", "Units"} <= set(head) or len(values) <= max(head["DataRate"], head["Units"]):
+        raise sheet.error("DataRate and Units are missing", AGAIN, 2)
+    rate = sheet.number(3, head["DataRate"])
+    unit = METRES.get(values[head["Units"]].lower())
+    if rate <= 0 or unit is None:
+        raise sheet.error(f"rate and unit are {rate:g} and {values[head['Units']]!r}", AGAIN, 3)
+    names = sheet.cells(4)
+    if names[:2] != ["Frame#", "Time"]:
+        raise sheet.error("there is no line that begins with Frame#, Time", AGAIN, 4)
+    firsts = [column for column, name in enumerate(names) if column > 1 and name]
+    axes = sheet.cells(5)
+    for number, column in enumerate(firsts, 1):
+        if axes[column : column + 3] != [f"X{number}", f"Y{number}", f"Z{number}"]:
+            raise sheet.error(f"below {names[column]!r} are no columns X{number}, Y{number}, Z{number}", AGAIN, 5)
+    first = firsts[pick(sheet.path, [names[column] for column in firsts], choices.marker)]
+    lines = [line for line in range(6, len(sheet.rows) + 1) if any(sheet.rows[line - 1])]
+    if not lines:
+        raise sheet.error("there are no samples", AGAIN, 6)
+    if not choices.up_axis:
+        raise sheet.error("the format does not say which axis points up", "choose the up axis: x, y or z", 1)
+    points = table(sheet, lines, (first, first + 1, first + 2), width=first + 3) * unit
+    told = [sheet.number(line, 1) for line in lines]
+    track = Track(names[first], frame_times(sheet, lines, rate, told=told), points)
+    return follow(sheet.path, [track], Choices(up_axis=choices.up_axis))
