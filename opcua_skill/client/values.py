@@ -147,12 +147,12 @@ class Recipe:
     duration: float = 0.0
     speed: float = 0.0
     speed_override: float = 1.0
-    frame: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
-    standoff: float = 0.0
-    approach_height: float = 0.0
-    retract_height: float = 0.0
+    frame: tuple[float, ...] = (0.45, 0.0, 0.1, 0.0, 0.0, 0.0, 1.0)
+    standoff: float = 0.005
+    approach_height: float = 0.05
+    retract_height: float = 0.05
     dispense_lead: float = 0.0
-    max_deviation: float = 0.0
+    max_deviation: float = 0.001
     parameters: Mapping[str, float | str] = field(default_factory=dict)
 
 

@@ -1,7 +1,7 @@
 """Values survive the way over the wire, and leave as flat arrays."""
 
 import types
-from dataclasses import replace
+from dataclasses import asdict, replace
 from datetime import UTC, datetime
 
 import numpy as np
@@ -10,6 +10,7 @@ from asyncua import ua
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from library.description import Recipe as StoredRecipe
 from models.demonstration import Demonstration
 from opcua_skill.client import Recipe, wire
 from opcua_skill.client.values import FAILURES, MODES
@@ -72,3 +73,8 @@ def test_modes_and_failures_have_the_order_of_the_interface() -> None:
 def test_no_indices_are_still_an_array_of_uint32() -> None:
     variant = wire.uint32_array([])
     assert (variant.VariantType, variant.is_array) == (ua.VariantType.UInt32, True)
+
+
+def test_a_recipe_left_short_has_the_defaults_of_the_library() -> None:
+    ours, theirs = asdict(Recipe("r", "s")), StoredRecipe(recipe_id="r", skill_name="s").model_dump()
+    assert ours == theirs
