@@ -1,0 +1,55 @@
+"""What a foreign client is told: address, its certificate in PEM, users, and demonstrations of simulated people."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+from cryptography.hazmat.primitives import serialization
+
+from models.people import simulated_people
+from opcua_skill.client import APPLICATION_URI
+from opcua_skill.security import load_certificate
+
+SKILL = "foreign-edge"
+
+
+def written(plant: Any, folder: Path) -> Path:
+    """Write the plan of the story as JSON and return its file."""
+    certificate = load_certificate((plant.client_folder / "client.der").read_bytes())
+    pem = folder / "client.pem"
+    pem.write_bytes(certificate.public_bytes(serialization.Encoding.PEM))
+    people, _ = simulated_people(number=5, seed=3)
+    demonstrations = [
+        {
+            "demonstrationId": one.demonstration_id,
+            "dimension": one.points.shape[1],
+            "times": (one.times - one.times[0]).tolist(),
+            "positions": one.points.ravel().tolist(),
+            "triggers": one.triggers.tolist() if one.triggers is not None else [],
+            "operator": "foreign",
+            "source": "interop",
+        }
+        for one in people
+    ]
+    plan = folder / "plan.json"
+    content = {
+        "url": plant.url,
+        "uri": APPLICATION_URI,
+        "certificate": str(pem),
+        "key": str(plant.client_folder / "client.pem"),
+        "folder": str(folder / "pki"),
+        "password": plant.password,
+        "skill": SKILL,
+        "demonstrations": demonstrations,
+    }
+    plan.write_text(json.dumps(content))
+    return plan
+
+
+def holds(told: dict[str, Any]) -> None:
+    """Check what a foreign client has seen of the main job."""
+    assert {"LearnFromDemonstration", "Approve", "Deploy", "FindSkills"} <= set(told["browsed"])
+    assert (told["learned"], told["approved"]) == (1, "Approved")
+    assert (told["job"], told["refused"]) == ("Completed", "BadUserAccessDenied")
+    assert told["samples"] > 100
+    assert any("Approve" in message for message in told["events"]), told["events"]
