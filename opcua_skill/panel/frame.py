@@ -121,7 +121,9 @@ def framed(session: PanelSession, here: str) -> Frame:
         _person(frame)
         ui.button(on_click=lambda: _stop(frame, "button")).classes("stop-motion").props(
             "unelevated no-caps color=negative icon=front_hand"
-        ).mark("stop").bind_text_from(session, "station_name", lambda name: f"{words('Stop motion')} {name}")
+        ).props('data-mark="stop"').bind_text_from(
+            session, "station_name", lambda name: f"{words('Stop motion')} {name}"
+        )
     _banners(frame)
     ui.keyboard(on_key=lambda key: _key(frame, key), ignore=[], repeating=False)
     ui.timer(REFRESH_EVERY, lambda: _refresh(frame))
@@ -144,8 +146,8 @@ def _station_and_connection(frame: Frame) -> None:
             f'aria-label="{words("Workstation")}" bg-color=white'
         )
     with ui.element("div").classes("panel-state"):
-        arm = ui.label().classes("panel-arm").mark("arm-state")
-        connection = ui.label().classes("panel-connection").mark("connection")
+        arm = ui.label().classes("panel-arm").props('data-mark="arm-state"')
+        connection = ui.label().classes("panel-connection").props('data-mark="connection"')
 
     def show() -> None:
         arm.text = f"{session.station_name}: {arm_words(words, session.station)}"
@@ -178,14 +180,14 @@ def _person(frame: Frame) -> None:
 
 def _banners(frame: Frame) -> None:
     session, words = frame.session, frame.words
-    with ui.element("div").classes("banner banner-bad").mark("lost") as lost:
+    with ui.element("div").classes("banner banner-bad").props('data-mark="lost"') as lost:
         ui.label(words(LOST)).classes("banner-main")
         why = ui.label().classes("banner-why")
-    with ui.element("div").classes("banner banner-good").mark("recovered") as back:
+    with ui.element("div").classes("banner banner-good").props('data-mark="recovered"') as back:
         back_text = ui.label()
-    with ui.element("div").classes("banner banner-bad").mark("stop-told") as told:
+    with ui.element("div").classes("banner banner-bad").props('data-mark="stop-told"') as told:
         told_text = ui.label()
-    with ui.element("div").classes("banner banner-stop").mark("protective-stop") as stop:
+    with ui.element("div").classes("banner banner-stop").props('data-mark="protective-stop"') as stop:
         stop_text = ui.label().classes("banner-main")
         reset = ui.button(words("Reset: the arm may move again"), on_click=lambda: _reset(frame)).props(
             "no-caps outline color=white dense"

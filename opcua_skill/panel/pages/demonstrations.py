@@ -34,8 +34,10 @@ class DemonstrationList:
     def _row(self, name: str, worst: float | None) -> None:
         page, words = self.page, self.page.words
         verdict = page.version.verdicts.get(name, {})
-        with ui.element("div").classes("demo").mark(f"demo-{name}") as row:
-            box = ui.checkbox(value=True).props(f'dense aria-label="{words("use")} {name}"')
+        with ui.element("div").classes("demo") as row:
+            row.props["data-mark"] = f"demo-{name}"
+            box = ui.checkbox(value=True).props("dense")
+            box.props["aria-label"] = f"{words('use')} {name}"
             box.on("update:model-value", lambda _: page.include(name, bool(box.value)))
             box.set_enabled(page.session.may("edit"))
             label = ui.label(name).classes("demo-name")

@@ -2,10 +2,11 @@
 
 import asyncio
 from typing import TYPE_CHECKING, Any
+from urllib.parse import quote
 
 from nicegui import ui
 
-from opcua_skill.client import Skill
+from opcua_skill.client import ClientError, Skill
 from opcua_skill.panel.chart import packed_path
 from opcua_skill.panel.frame import choose
 from opcua_skill.panel.review import largest_change
@@ -26,14 +27,14 @@ class Judging:
         self.skill: Skill = page.version.skill
         with ui.element("div").classes("sheet stack"):
             self._head()
-            self.change = ui.label().classes("small").mark("change")
+            self.change = ui.label().classes("small").props('data-mark="change"')
             self._report()
         with ui.element("div").classes("sheet stack"):
             self.decide = ui.element("div").classes("stack")
             self.refresh()
         with ui.element("div").classes("sheet stack"):
             ui.label(self.words("Versions")).classes("sheet-title")
-            self.versions = ui.element("div").classes("stack").mark("versions")
+            self.versions = ui.element("div").classes("stack").props('data-mark="versions"')
             ui.timer(0.05, self.read_versions, once=True)
 
     def _head(self) -> None:
@@ -41,7 +42,7 @@ class Judging:
         with ui.element("div").classes("line"):
             ui.label(f"{skill.name} · {self.words('version')} {skill.version}").classes("sheet-title")
         with ui.element("div").classes("line"):
-            self.tag = ui.html(state_tag(self.words, skill.state), sanitize=False).mark("state")
+            self.tag = ui.html(state_tag(self.words, skill.state), sanitize=False).props('data-mark="state"')
             ui.label(skill.semantic_type).classes("soft")
         self.newer = ui.element("div").classes("line")
 
@@ -97,12 +98,13 @@ class Judging:
                 self._deploy()
             else:
                 ui.label(words("This version is not used any more. Learn again, or choose another version."))
-            target = f"/run?skill={skill.name}&version={skill.version}"
+            name = quote(skill.name, safe="")
+            target = f"/run?skill={name}&version={skill.version}"
             with ui.element("div").classes("line"):
                 ui.button(
                     words("Try it in simulation"), icon="play_arrow", on_click=lambda: ui.navigate.to(target)
                 ).props("no-caps outline dense")
-                ui.button(words("Recipes"), on_click=lambda: ui.navigate.to(f"/recipes?skill={skill.name}")).props(
+                ui.button(words("Recipes"), on_click=lambda: ui.navigate.to(f"/recipes?skill={name}")).props(
                     "no-caps flat dense"
                 )
         if not session.may("approve"):
@@ -112,23 +114,28 @@ class Judging:
     def _judge(self) -> None:
         words, session = self.words, self.session
         comment = (
-            ui.input(words("Reason, kept in the records")).props("dense outlined").classes("w-full").mark("reason")
+            ui.input(words("Reason, kept in the records"))
+            .props("dense outlined")
+            .classes("w-full")
+            .props('data-mark="reason"')
         )
-        self.refusal = ui.label().classes("check-bad small").mark("refusal")
+        self.refusal = ui.label().classes("check-bad small").props('data-mark="refusal"')
         if self.page.version.draft.changed:
             ui.label(words("Your edits are not part of this version: learn again first.")).classes("small check-bad")
         with ui.element("div").classes("line"):
             yes = ui.button(
                 words("Approve"), icon="check", on_click=lambda: self._decided("approve", comment.value or "")
             )
-            yes.props("no-caps unelevated dense color=positive").mark("approve").set_enabled(session.may("approve"))
+            yes.props("no-caps unelevated dense color=positive").props('data-mark="approve"').set_enabled(
+                session.may("approve")
+            )
             no = ui.button(words("Reject"), icon="close", on_click=lambda: self._decided("reject", comment.value or ""))
-            no.props("no-caps outline dense color=negative").mark("reject").set_enabled(session.may("approve"))
+            no.props("no-caps outline dense color=negative").props('data-mark="reject"').set_enabled(
+                session.may("approve")
+            )
         ui.label(f"{words('approves model')} {self.skill.model_digest.hex()[:12]}…").classes("small soft mono")
 
     async def _decided(self, what: str, comment: str) -> None:
-        from opcua_skill.client import ClientError
-
         client, skill = self.session.client, self.skill
         ask = client.approve if what == "approve" else client.reject
         try:
@@ -143,14 +150,16 @@ class Judging:
         stations = list(session.stations)
         deployed = list(skill.document.get("workstations") or ())
         told = f"{words('Runs on')}: {', '.join(deployed)}" if deployed else words("Not deployed anywhere yet.")
-        ui.label(told).mark("deployed")
+        ui.label(told).props('data-mark="deployed"')
         if not session.may("deploy"):
             return
         with ui.element("div").classes("line"):
             where = choose(stations, session.station_name).classes("w-28")
-            go = ui.button(words("Deploy"), on_click=lambda: self._place(True, where.value)).mark("deploy")
+            go = ui.button(words("Deploy"), on_click=lambda: self._place(True, where.value)).props('data-mark="deploy"')
             go.props("no-caps unelevated dense")
-            back = ui.button(words("Withdraw"), on_click=lambda: self._place(False, where.value)).mark("withdraw")
+            back = ui.button(words("Withdraw"), on_click=lambda: self._place(False, where.value)).props(
+                'data-mark="withdraw"'
+            )
             back.props("no-caps flat dense")
             back.bind_visibility_from(where, "value", lambda name: name in deployed)
 

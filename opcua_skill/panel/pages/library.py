@@ -18,13 +18,17 @@ async def library_page(frame: Frame) -> None:
     with ui.element("div").classes("sheet stack"):
         with ui.row().classes("w-full items-center gap-3"):
             ui.label(words("Skills")).classes("sheet-title")
-            name = ui.input(placeholder=words("Name begins with …")).props("dense outlined clearable").mark("search")
+            name = (
+                ui.input(placeholder=words("Name begins with …"))
+                .props("dense outlined clearable")
+                .props('data-mark="search"')
+            )
             state = choose({"": words("every state"), **{one: words(one) for one in STATES}}, value="").classes("w-40")
             station = choose({"": words("every workstation"), **{one: one for one in session.stations}}, value="")
             station.classes("w-48")
             ui.space()
             count = ui.label().classes("soft")
-        with ui.element("table").classes("panel-table").mark("skills") as table:
+        with ui.element("table").classes("panel-table").props('data-mark="skills"') as table:
             pass
         nothing = ui.label().classes("soft")
 

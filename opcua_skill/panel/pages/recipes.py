@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
+from urllib.parse import quote
 
 from nicegui import ui
 
@@ -58,8 +59,8 @@ async def recipes_page(frame: Frame, skill: str = "") -> None:
     with ui.element("div").classes("columns").style("grid-template-columns: 300px minmax(0,1fr)"):
         with ui.element("div").classes("sheet stack"):
             ui.label(f"{words('Recipes')} · {skill}").classes("sheet-title")
-            listed = ui.element("div").classes("stack").mark("recipes")
-            ui.link(words("Back to the skill"), f"/skill/{skill}").classes("small")
+            listed = ui.element("div").classes("stack").props('data-mark="recipes"')
+            ui.link(words("Back to the skill"), f"/skill/{quote(skill, safe='')}").classes("small")
         form = ui.element("div").classes("sheet stack")
 
     async def read(chosen: str = "") -> None:
@@ -91,7 +92,11 @@ async def recipes_page(frame: Frame, skill: str = "") -> None:
 def _form(frame: Frame, one: Recipe, newest: int, may: bool, read: Callable[[str], Any]) -> None:
     words, session = frame.words, frame.session
     with ui.element("div").classes("columns").style("grid-template-columns: repeat(3, minmax(0, 1fr)); gap: 14px"):
-        name = ui.input(words("Name of the recipe"), value=one.recipe_id).props("dense outlined").mark("recipe-id")
+        name = (
+            ui.input(words("Name of the recipe"), value=one.recipe_id)
+            .props("dense outlined")
+            .props('data-mark="recipe-id"')
+        )
         product = ui.input(words("Product"), value=one.product).props("dense outlined")
         versions = {"0": words("the deployed one"), **{str(n): f"{words('version')} {n}" for n in range(newest, 0, -1)}}
         version = choose(versions, str(one.skill_version), label=words("Version of the skill"))
@@ -107,7 +112,7 @@ def _form(frame: Frame, one: Recipe, newest: int, may: bool, read: Callable[[str
                     validation=_range(words("allowed"), field),
                 )
                 .props("dense outlined")
-                .mark(f"field-{field.name}")
+                .props(f'data-mark="field-{field.name}"')
             )
         for place, axis in enumerate(PLACE):
             numbers[axis] = ui.number(
@@ -118,7 +123,7 @@ def _form(frame: Frame, one: Recipe, newest: int, may: bool, read: Callable[[str
     if one.parameters:
         told = " · ".join(f"{key} = {value}" for key, value in one.parameters.items())
         ui.label(f"{words('Parameters of the process')}: {told}").classes("small soft")
-    wrong = ui.label().classes("check-bad").mark("recipe-refusal")
+    wrong = ui.label().classes("check-bad").props('data-mark="recipe-refusal"')
 
     def edited() -> Recipe:
         values = {field.name: float(numbers[field.name].value or 0.0) / field.scale for field in FIELDS}
@@ -157,7 +162,9 @@ def _form(frame: Frame, one: Recipe, newest: int, may: bool, read: Callable[[str
         await read("")
 
     with ui.element("div").classes("line"):
-        ui.button(words("Save"), on_click=save).props("no-caps unelevated").mark("save-recipe").set_enabled(may)
+        ui.button(words("Save"), on_click=save).props("no-caps unelevated").props(
+            'data-mark="save-recipe"'
+        ).set_enabled(may)
         ui.button(words("Delete"), on_click=delete).props("no-caps flat color=negative").set_enabled(may)
         note = "Another name makes a new recipe." if may else "Changing recipes needs the role engineer."
         ui.label(words(note)).classes("small soft")

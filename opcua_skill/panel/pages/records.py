@@ -16,11 +16,11 @@ async def records_page(frame: Frame) -> None:
         with ui.element("div").classes("sheet stack"):
             ui.label(words("What happened since you signed in")).classes("sheet-title")
             only = ui.checkbox(words("only refusals, faults and stops")).props("dense")
-            with ui.element("table").classes("panel-table jobs-table").mark("events") as events:
+            with ui.element("table").classes("panel-table jobs-table").props('data-mark="events"') as events:
                 pass
         with ui.element("div").classes("sheet stack"):
             ui.label(words("Jobs")).classes("sheet-title")
-            with ui.element("table").classes("panel-table jobs-table").mark("all-jobs") as jobs:
+            with ui.element("table").classes("panel-table jobs-table").props('data-mark="all-jobs"') as jobs:
                 pass
     shown: dict[str, object] = {}
 

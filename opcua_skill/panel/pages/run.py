@@ -46,11 +46,13 @@ class RunPage:
                 with ui.element("div").classes("sheet stack"):
                     legend = "From above and from the side · grey dashes: planned · blue: commanded · orange: measured"
                     ui.label(self.words(legend)).classes("small soft")
-                    self.player = Player(self.words, "calc(100vh - 420px)").classes("w-full").mark("player")
+                    self.player = (
+                        Player(self.words, "calc(100vh - 420px)").classes("w-full").props('data-mark="player"')
+                    )
                     self.player.on("drawn", self.show_plan)
                 with (
                     ui.element("div").classes("sheet"),
-                    ui.element("table").classes("panel-table jobs-table").mark("jobs") as table,
+                    ui.element("table").classes("panel-table jobs-table").props('data-mark="jobs"') as table,
                 ):
                     self.table = table
         await self.read_skills(skill)
@@ -59,12 +61,16 @@ class RunPage:
     def _order(self) -> None:
         words = self.words
         ui.label(words("What to run")).classes("sheet-title")
-        self.skill = choose({}, None, self.skill_chosen, words("Skill")).classes("w-full").mark("skill")
-        self.recipe = choose({}, None, self.recipe_chosen, words("Recipe")).classes("w-full").mark("recipe")
-        self.which = ui.label().classes("small soft").mark("which")
+        self.skill = choose({}, None, self.skill_chosen, words("Skill")).classes("w-full").props('data-mark="skill"')
+        self.recipe = (
+            choose({}, None, self.recipe_chosen, words("Recipe")).classes("w-full").props('data-mark="recipe"')
+        )
+        self.which = ui.label().classes("small soft").props('data-mark="which"')
         with ui.element("div").classes("line"):
             self.buttons = {
-                mode: ui.button(words(label), icon=icon, on_click=self._starter(mode)).props(look).mark(f"run-{mode}")
+                mode: ui.button(words(label), icon=icon, on_click=self._starter(mode))
+                .props(look)
+                .props(f'data-mark="run-{mode}"')
                 for mode, label, icon, look in (
                     ("simulation", "Simulate", "visibility", "no-caps outline dense"),
                     ("test", "Test, slow", "directions_walk", "no-caps outline dense"),
@@ -72,7 +78,7 @@ class RunPage:
                 )
             }
         ui.label(words("Simulate moves nothing. Test runs at 25 % of full speed at most.")).classes("small soft")
-        self.refusal = ui.label().classes("check-bad small").mark("refusal")
+        self.refusal = ui.label().classes("check-bad small").props('data-mark="refusal"')
 
     def _starter(self, mode: Any) -> Callable[[], Any]:
         return lambda: self.start(mode)
@@ -80,21 +86,21 @@ class RunPage:
     def _motion(self) -> None:
         words = self.words
         ui.label(words("Motion")).classes("sheet-title")
-        self.job = ui.html("", sanitize=False).mark("job")
+        self.job = ui.html("", sanitize=False).props('data-mark="job"')
         self.job_told = ui.label().classes("small")
         self.progress = ui.linear_progress(0.0, show_value=False, size="10px").props("instant-feedback")
         with ui.element("div").classes("line"):
             self.pause = ui.button(words("Pause"), icon="pause", on_click=lambda: self.steer("pause"))
-            self.pause.props("no-caps outline dense").mark("pause")
+            self.pause.props("no-caps outline dense").props('data-mark="pause"')
             self.resume = ui.button(words("Go on"), icon="play_arrow", on_click=lambda: self.steer("resume"))
-            self.resume.props("no-caps outline dense").mark("resume")
+            self.resume.props("no-caps outline dense").props('data-mark="resume"')
             self.abort = ui.button(words("Abort"), icon="stop", on_click=lambda: self.steer("abort"))
-            self.abort.props("no-caps outline dense color=negative").mark("abort")
-        self.override_told = ui.label().classes("small").mark("override-told")
+            self.abort.props("no-caps outline dense color=negative").props('data-mark="abort"')
+        self.override_told = ui.label().classes("small").props('data-mark="override-told"')
         self.override = ui.slider(min=5, max=100, step=5, value=100).props(
             f'label snap aria-label="{words("Speed override")}"'
         )
-        self.override.on("change", self.set_override).mark("override")
+        self.override.on("change", self.set_override).props('data-mark="override"')
 
     async def read_skills(self, wanted: str) -> None:
         """Offer the skills deployed here first, then the others, which can be simulated."""

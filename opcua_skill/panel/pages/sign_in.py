@@ -36,7 +36,7 @@ def sign_in_page(sessions: Sessions, browser: str, to: str, accepted: str) -> No
                 .props("outlined autocomplete=current-password")
                 .classes("w-full")
             )
-            wrong = ui.label().classes("check-bad").mark("wrong")
+            wrong = ui.label().classes("check-bad").props('data-mark="wrong"')
             button = ui.button(words("Sign in")).props("no-caps unelevated").classes("w-full")
 
             async def enter() -> None:

@@ -9,7 +9,7 @@ from nicegui import ui
 
 from models.demonstration import Edits
 from opcua_skill.client import Path, Skill
-from opcua_skill.panel.chart import ReviewChart, chart_data, packed_path
+from opcua_skill.panel.chart import ReviewChart, chart_data, packed_path, thinned
 from opcua_skill.panel.frame import Frame, choose
 from opcua_skill.panel.pages.demonstrations import DemonstrationList
 from opcua_skill.panel.pages.judging import Judging
@@ -18,7 +18,6 @@ from opcua_skill.panel.session import PanelSession
 from opcua_skill.panel.shown import mm, percent
 
 LEARNING_LIMIT = 600.0
-OLDEST_SHOWN = 12
 
 
 @dataclass
@@ -114,7 +113,7 @@ class SkillPage:
             with ui.element("div").classes("sheet stack"):
                 self._tools()
                 data = chart_data(words, version.skill, version.material, list(version.flagged))
-                self.chart = ReviewChart(data, self.state, self._picked).classes("chart").mark("chart")
+                self.chart = ReviewChart(data, self.state, self._picked).classes("chart").props('data-mark="chart"')
                 self.chart.on("drawn", self.overlay)
                 self._editing()
             with ui.element("div").classes("stack"):
@@ -128,7 +127,7 @@ class SkillPage:
         def toggle(key: str, options: dict[str, str]) -> None:
             ui.toggle(options, value=self.state[key], on_change=lambda event: self._set(key, event.value)).props(
                 "no-caps dense unelevated toggle-color=primary color=white text-color=dark"
-            ).classes("border rounded").mark(f"toggle-{key}")
+            ).classes("border rounded").props(f'data-mark="toggle-{key}"')
 
         def switch(key: str, label: str) -> None:
             ui.checkbox(label, value=self.state[key], on_change=lambda event: self._set(key, event.value)).props(
@@ -144,20 +143,22 @@ class SkillPage:
             tools = {"point": "Point", "stretch": "Stretch", "box": "Box", "move": "Move"}
             toggle("tool", {key: words(label) for key, label in tools.items()})
             targets = {"one": words("of one demonstration"), "all": words("of all, along the path")}
-            choose(targets, self.state["target"], lambda event: self._set("target", event.value)).mark("target")
+            choose(targets, self.state["target"], lambda event: self._set("target", event.value)).props(
+                'data-mark="target"'
+            )
             ui.space()
-            self.undo_button = ui.button(icon="undo", on_click=self.undo).props("flat dense").mark("undo")
+            self.undo_button = ui.button(icon="undo", on_click=self.undo).props("flat dense").props('data-mark="undo"')
             self.undo_button.tooltip(words("Undo (U)"))
-            self.redo_button = ui.button(icon="redo", on_click=self.redo).props("flat dense").mark("redo")
+            self.redo_button = ui.button(icon="redo", on_click=self.redo).props("flat dense").props('data-mark="redo"')
             self.redo_button.tooltip(words("Redo (Shift+U)"))
 
     def _editing(self) -> None:
         words = self.words
         with ui.element("div").classes("line"):
-            self.told = ui.label().classes("small").mark("draft")
+            self.told = ui.label().classes("small").props('data-mark="draft"')
             ui.space()
             self.again = ui.button(words("Learn again"), on_click=self.learn_again).props("no-caps unelevated dense")
-            self.again.mark("learn-again").set_visibility(self.session.may("edit"))
+            self.again.props('data-mark="learn-again"').set_visibility(self.session.may("edit"))
         legend = (
             "Grey: demonstrations · orange: flagged · dotted: left out · blue: learned · ✕: struck · "
             "red dashes: where the path is expected to go · grey dashes: before"
@@ -188,8 +189,6 @@ class SkillPage:
         self.refresh()
 
     def _path_samples(self) -> list[int]:
-        from opcua_skill.panel.chart import thinned
-
         return thinned(self.version.material.path)
 
     @property

@@ -153,7 +153,7 @@ async def teach_page(frame: Frame) -> None:
                 ui.label(
                     f"{size}. {words('Each stroke is one demonstration: show the same movement three times or more.')}"
                 ).classes("small soft")
-            plate = Plate(*PLATE_MM, drawing=may).mark("plate")
+            plate = Plate(*PLATE_MM, drawing=may).props('data-mark="plate"')
             plate.on("stroke", stroke)
         with ui.element("div").classes("stack"):
             with ui.element("div").classes("sheet stack"):
@@ -167,13 +167,18 @@ async def teach_page(frame: Frame) -> None:
                 ).props("flat bordered").classes("w-full").set_enabled(may)
             with ui.element("div").classes("sheet stack"):
                 with ui.element("div").classes("line"):
-                    count = ui.label().classes("sheet-title").mark("count")
+                    count = ui.label().classes("sheet-title").props('data-mark="count"')
                     ui.space()
                     ui.button(words("Discard all"), on_click=clear).props("no-caps flat dense")
                 listed = ui.element("div").classes("stack").style("max-height:24vh;overflow:auto;gap:0")
             with ui.element("div").classes("sheet stack"):
                 ui.label(words("Learn a skill")).classes("sheet-title")
-                name = ui.input(words("Name of the skill")).props("dense outlined").classes("w-full").mark("skill-name")
+                name = (
+                    ui.input(words("Name of the skill"))
+                    .props("dense outlined")
+                    .classes("w-full")
+                    .props('data-mark="skill-name"')
+                )
                 name.bind_value(taught, "name")
                 kind = (
                     ui.input(words("What kind of skill"), autocomplete=TYPES).props("dense outlined").classes("w-full")
@@ -183,17 +188,18 @@ async def teach_page(frame: Frame) -> None:
                     "no-caps dense unelevated toggle-color=primary color=white text-color=dark"
                 ).classes("border rounded").bind_value(taught, "preset")
                 learning = ui.button(words("Learn"), on_click=learn).props("no-caps unelevated").classes("w-full")
-                learning.mark("learn")
-                told = ui.label().classes("small soft").mark("told")
+                learning.props('data-mark="learn"')
+                told = ui.label().classes("small soft").props('data-mark="told"')
 
     def row(one: Demonstration) -> None:
         label = one.demonstration_id
         finite = one.points[np.isfinite(one.points).all(axis=1)]
         length = float(np.sqrt((np.diff(finite, axis=0) ** 2).sum(axis=1)).sum())
         with ui.element("div").classes("demo" + (" demo-excluded" if label in taught.left_out else "")):
-            ui.checkbox(
+            box = ui.checkbox(
                 value=label not in taught.left_out, on_change=lambda event: keep(label, bool(event.value))
-            ).props(f'dense aria-label="{words("use")} {label}"')
+            )
+            box.props("dense").props["aria-label"] = f"{words('use')} {label}"
             ui.label(label).classes("demo-name")
             with ui.element("div").classes("line").style("width:auto;flex-wrap:nowrap;gap:4px"):
                 ui.label(f"{mm(length, 0)} · {seconds(float(one.times[-1]))}").classes("small mono")

@@ -1,0 +1,183 @@
+"""A real server, a real panel and Debian's chromium, without any network: whatever leaves loopback fails the test."""
+
+import asyncio
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Callable, Coroutine, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pytest
+from playwright.sync_api import Browser, BrowserContext, Locator, Page, sync_playwright
+
+PASSWORD = "correct horse battery"
+CHROMIUM = "/usr/bin/chromium"
+FLAGS = (
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--host-resolver-rules=MAP * ~NOTFOUND , EXCLUDE 127.0.0.1",
+)
+PANEL_PC = {"width": 1280, "height": 800}
+PATIENCE = 20_000
+PICTURES = os.environ.get("OPCUA_SKILL_PICTURES", "")
+"""Set to docs/pictures, the tests write there the pictures of the how-to page; else they are only looked at."""
+
+Work = Callable[[], Coroutine[Any, Any, Any]]
+
+
+def away_from_the_browser(work: Work) -> Any:
+    """Run a client's coroutine in a thread of its own: playwright has a loop in this one."""
+    with ThreadPoolExecutor(1) as thread:
+        return thread.submit(asyncio.run, work()).result()
+
+
+@dataclass
+class Screen:
+    """One person at one browser."""
+
+    page: Page
+    base: str
+
+    def go(self, path: str) -> "Screen":
+        """Open a page of the panel and wait until it is alive."""
+        self.page.goto(self.base + path)
+        self.page.wait_for_selector(".stop-motion")
+        return self
+
+    def marked(self, name: str) -> Locator:
+        """Return what the pages mark by a name of ours."""
+        return self.page.locator(f"[data-mark='{name}']")
+
+    def button(self, name: str) -> Locator:
+        """Return a button by exactly what it says."""
+        return self.page.get_by_role("button", name=name, exact=True)
+
+    def says(self, pattern: str) -> None:
+        """Wait until the page says something."""
+        self.page.get_by_text(re.compile(pattern)).first.wait_for(timeout=PATIENCE)
+
+    def chart(self) -> Locator:
+        """Wait for the review chart to have drawn, and return it."""
+        self.page.wait_for_selector(".chart[data-view] canvas", timeout=PATIENCE)
+        return self.page.locator(".chart")
+
+    def where(self, line: int, index: int) -> tuple[float, float]:
+        """Return where on the screen a sample of a line of the review chart is; line -1 is the learned path."""
+        number = self.chart().get_attribute("id")
+        assert number is not None
+        x, y = self.page.evaluate(f"getElement({number.removeprefix('c')}).where({line}, {index})")
+        return x, y
+
+    def draw(self, points: list[tuple[float, float]]) -> None:
+        """Draw a stroke on the plate; points are shares of its width and height, from the lower left corner."""
+        box = self.page.locator("canvas.plate").bounding_box()
+        assert box is not None
+        scale = box["height"] / (90.0 + 12.0)
+        left, bottom = box["x"] + (box["width"] - 65.0 * scale) / 2, box["y"] + box["height"] - 6.0 * scale
+        on_screen = [(left + 65.0 * scale * x, bottom - 90.0 * scale * y) for x, y in points]
+        self.page.mouse.move(*on_screen[0])
+        self.page.mouse.down()
+        for point in on_screen[1:]:
+            self.page.mouse.move(*point, steps=3)
+        self.page.mouse.up()
+
+    def picture(self, name: str, tmp_path: Path) -> None:
+        """Keep a picture of the page as it is."""
+        folder = Path(PICTURES) if PICTURES else tmp_path
+        folder.mkdir(parents=True, exist_ok=True)
+        self.page.screenshot(path=folder / f"panel-{name}.png")
+
+
+@dataclass
+class Screens:
+    """Opens browsers for people, and watches what they ask for."""
+
+    browser: Browser
+    base: str
+    contexts: list[BrowserContext] = field(default_factory=list)
+    asked: list[str] = field(default_factory=list)
+    faults: list[str] = field(default_factory=list)
+
+    def blank(self, locale: str = "en-US") -> Screen:
+        """Return a browser at which nobody has signed in."""
+        context = self.browser.new_context(viewport=PANEL_PC, locale=locale)  # type: ignore[arg-type]
+        context.set_default_timeout(PATIENCE)
+        self.contexts.append(context)
+        context.on("request", lambda request: self.asked.append(request.url))
+        page = context.new_page()
+        page.on("websocket", lambda socket: self.asked.append(socket.url))
+        page.on("pageerror", lambda error: self.faults.append(str(error)))
+        return Screen(page, self.base)
+
+    def sign_in(self, user: str, to: str = "/", locale: str = "en-US") -> Screen:
+        """Return a browser at which somebody has signed in and sees a page."""
+        screen = self.blank(locale)
+        screen.page.goto(f"{self.base}/sign-in?to={to}")
+        screen.page.locator("input").nth(0).fill(user)
+        screen.page.locator("input").nth(1).fill(PASSWORD)
+        screen.page.locator("button").click()
+        screen.page.wait_for_selector(".stop-motion")
+        return screen
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Browser]:
+    """Debian's chromium, one for all tests."""
+    with sync_playwright() as playwright:
+        opened = playwright.chromium.launch(executable_path=CHROMIUM, args=list(FLAGS))
+        yield opened
+        opened.close()
+
+
+@pytest.fixture(scope="module")
+def plant(make_plant: Any) -> Any:
+    """A server whose kinematic arm takes as long as a real one."""
+    with ThreadPoolExecutor(1) as thread:  # it runs a loop of its own for a moment, and playwright has one here
+        return thread.submit(make_plant, realtime=True).result()
+
+
+@pytest.fixture(scope="module")
+def panel(plant: Any) -> Iterator[str]:
+    """Return the address of a panel for the plant, in a process of its own."""
+    port = plant.port + 1 if plant.port < 60000 else plant.port - 1
+    environment = {key: value for key, value in os.environ.items() if not key.startswith(("PYTEST", "NICEGUI"))}
+    environment["OPCUA_SKILL_CLIENT_DIR"] = str(plant.client_folder)
+    log = plant.folder / "panel.log"
+    command = [sys.executable, "-m", "opcua_skill.cli", "panel", "--server", plant.url, "--port", str(port)]
+    with log.open("w", encoding="utf-8") as errors:
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=errors, text=True, env=environment)
+    assert process.stdout is not None
+    try:
+        line = process.stdout.readline()
+        assert line.startswith("panel on "), log.read_text(encoding="utf-8")
+        yield line.removeprefix("panel on ").strip()
+    finally:
+        process.terminate()
+        process.wait(20)
+        process.stdout.close()
+    said = log.read_text(encoding="utf-8")
+    assert "Traceback" not in said, said
+
+
+@pytest.fixture
+def screens(browser: Browser, panel: str) -> Iterator[Screens]:
+    """Return what opens browsers; afterwards nothing has left loopback, and no page had a fault."""
+    made = Screens(browser, panel)
+    yield made
+    for context in made.contexts:
+        context.close()
+    host = panel.removeprefix("http://")
+    elsewhere = [url for url in made.asked if not re.match(rf"(https?|wss?)://{re.escape(host)}/|data:|blob:", url)]
+    assert not elsewhere, f"left loopback: {elsewhere}"
+    assert not made.faults, made.faults

@@ -1,0 +1,31 @@
+"""The server dies and comes back: the panel says so, says that nothing is true meanwhile, and goes on by itself."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.browser.conftest import Screens
+from tests.browser.test_review import teach, wait_for_draft
+
+pytestmark = pytest.mark.browser
+
+
+def test_a_killed_server_is_told_and_the_panel_recovers(plant: Any, screens: Screens, tmp_path: Path) -> None:
+    teach(plant, "recovers")
+    screen = screens.sign_in("teacher", "/skill/recovers")
+    screen.chart()
+    screen.page.mouse.click(*screen.where(1, 100))
+    wait_for_draft(screen, "samples struck (not learned yet)")
+    plant.kill()
+    screen.marked("lost").get_by_text("No connection to the server").wait_for()
+    screen.page.locator("[data-mark='arm-state']", has_text="state unknown").wait_for()
+    screen.page.locator(".stop-motion").click()
+    screen.says("STOP MOTION DID NOT REACH ws1! Use the emergency stop")
+    screen.picture("lost", tmp_path)
+    plant.start()
+    screen.marked("recovered").get_by_text("The connection is back since").wait_for(timeout=60_000)
+    screen.page.locator("[data-mark='arm-state']", has_text="at rest").wait_for()
+    wait_for_draft(screen, "samples struck (not learned yet)")
+    screen.button("Learn again").click()
+    screen.says(r"recovers · version 2")

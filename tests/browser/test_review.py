@@ -1,0 +1,125 @@
+"""A skill's page in a real browser: strike, undo, leave out, learn again, judge."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from models.people import simulated_people
+from opcua_skill.client import LearningOptions
+from tests.browser.conftest import Screen, Screens, away_from_the_browser
+
+pytestmark = pytest.mark.browser
+BUMP = 0.012
+
+
+def teach(plant: Any, name: str, user: str = "teacher", *, odd: bool = False) -> None:
+    """Have a skill learned from six simulated people; with ``odd``, one of them leaves the line by 12 mm."""
+    people = list(simulated_people(6, seed=3)[0])
+    if odd:
+        share = np.linspace(0.0, 1.0, len(people[2].times))
+        people[2].points[:, 0] += BUMP * np.exp(-(((share - 0.35) / 0.06) ** 2))
+
+    async def learn() -> None:
+        async with plant.sign_in(user) as client:
+            options = LearningOptions(reject_outliers=False)
+            report = await client.learn_to_the_end(name, people, semantic_type="Gluing", options=options)
+            assert report.state == "Completed", report.message
+
+    away_from_the_browser(learn)
+
+
+def struck(screen: Screen) -> int:
+    """Return how many samples the page says are struck."""
+    words = screen.marked("draft").inner_text()
+    return int(words.split()[0]) if "samples struck" in words else 0
+
+
+def wait_for_draft(screen: Screen, text: str) -> None:
+    screen.page.locator("[data-mark='draft']", has_text=text).wait_for()
+
+
+def test_striking_a_stretch_and_undoing_it(plant: Any, screens: Screens, tmp_path: Path) -> None:
+    teach(plant, "strike")
+    screen = screens.sign_in("teacher", "/skill/strike")
+    screen.chart()
+    screen.page.mouse.click(*screen.where(2, 120))
+    wait_for_draft(screen, "samples struck (not learned yet)")
+    one = struck(screen)
+    screen.page.keyboard.down("Shift")
+    screen.page.mouse.click(*screen.where(2, 150))
+    screen.page.keyboard.up("Shift")
+    screen.page.wait_for_function(
+        f"parseInt(document.querySelector('[data-mark=draft]').textContent) > {10 * one}", timeout=20_000
+    )
+    screen.picture("strike", tmp_path)
+    screen.page.keyboard.press("u")
+    wait_for_draft(screen, f"{one} samples struck")
+    screen.page.keyboard.press("u")
+    wait_for_draft(screen, "Nothing is taken out (as learned)")
+    screen.page.keyboard.press("Shift+U")
+    wait_for_draft(screen, f"{one} samples struck")
+    screen.page.reload()
+    screen.chart()
+    wait_for_draft(screen, f"{one} samples struck (not learned yet)")
+    screen.button("Learn again").click()
+    screen.says(r"strike · version 2")
+    wait_for_draft(screen, f"{one} samples struck (as learned)")
+    edits = screen.page.evaluate("1") and away_from_the_browser(lambda: provenance(plant, "strike"))
+    assert sum(len(indices) for indices in edits["struck"].values()) == one
+
+
+async def provenance(plant: Any, name: str) -> dict[str, Any]:
+    async with plant.sign_in("visitor") as client:
+        return dict((await client.skill(name)).document["provenance"])
+
+
+def test_leaving_out_an_odd_demonstration_moves_the_path(plant: Any, screens: Screens, tmp_path: Path) -> None:
+    teach(plant, "odd", odd=True)
+    screen = screens.sign_in("teacher", "/skill/odd")
+    screen.chart()
+    worst = screen.page.locator(".demo").first
+    assert "person-03" in worst.inner_text(), "the worst one stands first"
+    worst.locator(".q-checkbox").click()
+    wait_for_draft(screen, "1 demonstrations left out (not learned yet)")
+    screen.button("Learn again").click()
+    screen.says(r"odd · version 2")
+    screen.says(r"before \(version 1, grey dashes\): the path moved by at most [1-9]")
+    screen.says(r"5 demonstrations used")
+    screen.picture("before-after", tmp_path)
+
+
+def test_nobody_approves_what_they_taught_and_both_browsers_see_the_approval(
+    plant: Any, screens: Screens, tmp_path: Path
+) -> None:
+    teach(plant, "four-eyes", "engineer")
+    author = screens.sign_in("engineer", "/skill/four-eyes")
+    author.chart()
+    author.button("Approve").click()
+    refusal = author.marked("refusal")
+    refusal.get_by_text("BadUserAccessDenied").wait_for()
+    author.picture("refused", tmp_path)
+    assert "Learned" in author.marked("state").inner_text()
+
+    second = screens.sign_in("engineer-2", "/skill/four-eyes")
+    second.chart()
+    second.page.get_by_label("Reason, kept in the records").fill("path looked at, ends are right")
+    second.button("Approve").click()
+    second.page.locator("[data-mark='state']", has_text="Approved").wait_for()
+    author.page.locator("[data-mark='state']", has_text="Approved").wait_for()
+    author.says("engineer-2 – path looked at, ends are right")
+    second.button("Deploy").click()
+    second.page.locator("[data-mark='deployed']", has_text="Runs on: ws1").wait_for()
+    author.page.locator("[data-mark='deployed']", has_text="Runs on: ws1").wait_for()
+    second.picture("approved", tmp_path)
+
+
+def test_a_wrong_password_is_said_in_a_sentence(screens: Screens, tmp_path: Path) -> None:
+    screen = screens.blank()
+    screen.page.goto(f"{screen.base}/skill/strike")
+    screen.page.locator("input").nth(0).fill("teacher")
+    screen.page.locator("input").nth(1).fill("not this one at all")
+    screen.page.locator("button").click()
+    screen.says("user name or the password is wrong")
+    screen.picture("sign-in", tmp_path)

@@ -1,0 +1,169 @@
+"""The story in a real browser: three strokes become a skill that moves an arm; and Stop motion in every state."""
+
+import itertools
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.browser.conftest import Screen, Screens, away_from_the_browser
+
+pytestmark = pytest.mark.browser
+CORNERS = ((0.15, 0.75), (0.35, 0.25), (0.5, 0.7), (0.65, 0.25), (0.85, 0.75))
+
+
+def stroke(shake: float) -> list[tuple[float, float]]:
+    """Return a drawn W, each time a little different."""
+    points = []
+    for (x, y), (u, v) in itertools.pairwise(CORNERS):
+        for k in range(12):
+            share = k / 12
+            wobble = shake * math.sin(9.0 * (x + share) + 40.0 * shake)
+            points.append((x + share * (u - x) + wobble, y + share * (v - y) + shake))
+    return [*points, (CORNERS[-1][0], CORNERS[-1][1] + shake)]
+
+
+async def approve_and_deploy(plant: Any, name: str) -> None:
+    """Do what an engineer does."""
+    async with plant.sign_in("engineer") as client:
+        skill = await client.skill(name)
+        await client.approve(name, skill.version, skill.model_digest, "as drawn")
+        await client.deploy(name, skill.version, "ws1")
+
+
+async def newest_job(plant: Any) -> Any:
+    async with plant.sign_in("visitor") as client:
+        return (await client.workstation("ws1").jobs(limit=1))[0]
+
+
+def arm_says(screen: Screen, words: str) -> None:
+    screen.page.locator("[data-mark='arm-state']", has_text=words).wait_for()
+
+
+@pytest.fixture(scope="module")
+def drawn(plant: Any) -> str:
+    """The name of a skill that is deployed on ws1 once the first test has drawn it."""
+    return "drawn"
+
+
+def test_three_strokes_are_learned_approved_by_another_and_run(
+    plant: Any, screens: Screens, drawn: str, tmp_path: Path
+) -> None:
+    teacher = screens.sign_in("teacher", "/teach")
+    teacher.page.wait_for_selector("canvas.plate")
+    for number, shake in enumerate((0.0, 0.012, -0.01), start=1):
+        teacher.draw(stroke(shake))
+        teacher.page.locator("[data-mark='count']", has_text=f"{number} demonstrations").wait_for()
+    teacher.page.get_by_label("Name of the skill").fill(drawn)
+    teacher.says("Ready to learn")
+    teacher.picture("teach", tmp_path)
+    teacher.button("Learn").click()
+    teacher.page.wait_for_url(f"**/skill/{drawn}**", timeout=60_000)
+    teacher.chart()
+    teacher.says("3 demonstrations used")
+    teacher.button("Try it in simulation").click()
+    teacher.page.wait_for_url("**/run**")
+    teacher.says(r"Version 1 \(newest\)")
+    teacher.button("Run").click()
+    teacher.page.locator("[data-mark='refusal']", has_text="not deployed").wait_for()
+    teacher.button("Simulate").click()
+    teacher.page.wait_for_selector("[data-mark='player'][data-loaded^='run-']", timeout=60_000)
+    teacher.picture("simulated", tmp_path)
+
+    away_from_the_browser(lambda: approve_and_deploy(plant, drawn))
+    operator = screens.sign_in("mes", f"/run?skill={drawn}")
+    operator.says(r"Version 1 \(deployed\)")
+    operator.button("Run").click()
+    arm_says(operator, "moving")
+    operator.button("Pause").click()
+    arm_says(operator, "paused on the path")
+    operator.picture("paused", tmp_path)
+    operator.button("Go on").click()
+    arm_says(operator, "moving")
+    operator.page.wait_for_selector("[data-mark='player'][data-loaded^='run-']", timeout=60_000)
+    arm_says(operator, "at rest")
+    operator.picture("run", tmp_path)
+    job = away_from_the_browser(lambda: newest_job(plant))
+    assert (job.mode, job.state) == ("production", "Completed")
+    operator.go("/records").says("ExecuteSkill by mes: done")
+    operator.picture("records", tmp_path)
+
+
+def stop_and_reset(screen: Screen, *, by_key: bool = False) -> None:
+    """Press Stop motion as a person does (nothing may lie over it), see the arm halted, and reset it."""
+    if by_key:
+        screen.page.keyboard.press("Escape")
+    else:
+        screen.page.locator(".stop-motion").click(timeout=2000)
+    arm_says(screen, "protective stop")
+    screen.page.locator("[data-mark='protective-stop']").wait_for()
+    screen.button("Reset: the arm may move again").click()
+    arm_says(screen, "at rest")
+
+
+def test_stop_motion_is_in_reach_in_every_state(plant: Any, screens: Screens, drawn: str, tmp_path: Path) -> None:
+    screen = screens.sign_in("engineer", f"/run?skill={drawn}")
+    screen.says(r"Version 1 \(deployed\)")
+    stop_and_reset(screen)
+
+    screen.button("Run").click()
+    arm_says(screen, "moving")
+    screen.page.locator(".stop-motion").click(timeout=2000)
+    arm_says(screen, "protective stop")
+    screen.picture("stopped", tmp_path)
+    screen.button("Run").click()
+    screen.page.locator("[data-mark='refusal']", has_text="✕").wait_for()
+    stop_and_reset(screen)
+
+    screen.button("Run").click()
+    arm_says(screen, "moving")
+    stop_and_reset(screen, by_key=True)
+
+    screen.button("Run").click()
+    arm_says(screen, "moving")
+    screen.button("Pause").click()
+    arm_says(screen, "paused")
+    screen.page.locator("[data-mark='recipe']").click()
+    screen.page.locator(".q-menu").wait_for()
+    stop_and_reset(screen)
+
+    for path in (f"/skill/{drawn}", "/teach", "/records", f"/recipes?skill={drawn}", "/"):
+        screen.go(path)
+        stop_and_reset(screen)
+    screen.go("/").page.keyboard.press("Escape")
+    screen.page.wait_for_timeout(600)
+    arm_says(screen, "at rest")
+
+
+def test_german_and_an_observer_who_may_only_look(plant: Any, screens: Screens, drawn: str, tmp_path: Path) -> None:
+    screen = screens.sign_in("visitor", f"/skill/{drawn}", locale="de-DE")
+    screen.chart()
+    screen.says("Vorführungen")
+    assert screen.button("Freigeben").is_disabled()
+    assert screen.page.locator("html").get_attribute("lang") == "de"
+    screen.picture("german", tmp_path)
+    screen.page.locator(".stop-motion").click()
+    screen.says("STOPP HAT NICHT ERREICHT.*BadUserAccessDenied")
+
+
+def test_a_recipe_is_checked_in_the_form_and_by_the_server(
+    plant: Any, screens: Screens, drawn: str, tmp_path: Path
+) -> None:
+    screen = screens.sign_in("engineer", f"/recipes?skill={drawn}")
+    name = screen.page.get_by_label("Name of the recipe")
+    name.wait_for()
+    name.fill("slow")
+    step = screen.page.get_by_label("Time step (ms)")
+    step.fill("0.1")
+    screen.says(r"allowed: 0.5 … 100 ms")
+    screen.picture("recipe", tmp_path)
+    step.fill("4")
+    screen.page.locator("[data-mark='save-recipe']").click()
+    screen.button("slow").wait_for()
+    assert away_from_the_browser(lambda: recipe_step(plant, "slow")) == pytest.approx(0.004)
+
+
+async def recipe_step(plant: Any, recipe_id: str) -> float:
+    async with plant.sign_in("engineer") as client:
+        return (await client.recipe(recipe_id)).time_step
