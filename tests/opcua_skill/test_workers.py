@@ -103,7 +103,8 @@ import asyncio, os, time
 from opcua_skill.workers import Workers
 async def main():
     workers = Workers(1, "test")
-    print(await workers.run("asking", os.getpid, seconds=60), await workers.run("asking", os.getppid, seconds=60), flush=True)
+    own, above = [await workers.run("asking", ask, seconds=60) for ask in (os.getpid, os.getppid)]
+    print(own, above, flush=True)
     await asyncio.Event().wait()
 asyncio.run(main())
 """
