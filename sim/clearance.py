@@ -138,6 +138,7 @@ def _between_segments(p1: Floats, q1: Floats, p2: Floats, q2: Floats) -> Floats:
     b, c = _dot(d1, d2), _dot(d1, r)
     across = a * e - b * b
     s = np.where(across > 1e-12, np.clip((b * f - c * e) / np.maximum(across, 1e-12), 0.0, 1.0), 0.0)
+    s = np.where(e < 1e-12, np.clip(-c / a, 0.0, 1.0), s)
     t = (b * s + f) / e
     s = np.where(t < 0.0, np.clip(-c / a, 0.0, 1.0), np.where(t > 1.0, np.clip((b - c) / a, 0.0, 1.0), s))
     gap = r + d1 * s[:, None] - d2 * np.clip(t, 0.0, 1.0)[:, None]

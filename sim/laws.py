@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 STEADY_SHARE = 0.98
 LATER = 1.1
+# Slower than this share of the speed asked for is no constant speed any more: refused whatever the order says.
+SLOWEST_SHARE = 0.2
 CORNER_SHARE = 0.25
 TRIALS = 12
 
@@ -108,8 +110,8 @@ def _demonstrated(followed: Followed, order: "MotionOrder", arm: ArmModel) -> tu
         return law, []
     i = int(excess.argmax())
     text = (
-        f"slowed to {top[i] * 1e3:.0f} mm/s at {100 * followed.phases[i]:.1f} % of the path, where the people's pace is "
-        f"{natural[i] * scale * 1e3:.0f} mm/s: {arm.name} cannot turn faster there"
+        f"slowed to {top[i] * 1e3:.0f} mm/s at {100 * followed.phases[i]:.1f} % of the path, where the people's "
+        f"pace is {natural[i] * scale * 1e3:.0f} mm/s: {arm.name} cannot turn faster there"
     )
     place = float(shown[i]), float(followed.phases[i])
     return law, [Finding("SpeedLimit", *place, float(top[i]) * 1e3, "mm/s", text, fatal=False)]
@@ -143,18 +145,16 @@ def _constant(
     time, allowed = float(grid[i]) - law.ramp, float(highest[i])
     what = f"at {time:.2f} s, {100 * phase:.1f} % of the path, a corner allows {allowed * 1e3:.0f} mm/s"
     short = asked - allowed * 1e3
-    if order.corners == "refuse":
-        text = (
-            f"constant {asked:.0f} mm/s is impossible: {what}: lower the speed, give a blend radius, "
-            "or allow slowing in corners"
-        )
-        raise MotionRefused([Finding("SpeedLimit", time, phase, short, "mm/s", text)])
-    followed = _follow(path, 0.0, order, arm, rotation, step)
-    slower = _quickest(followed, np.full(len(followed.lengths), order.speed), arm)
-    inner = (followed.phases > 0.02) & (followed.phases < 0.98)
-    lowest = float(law_speed(slower, followed.lengths)[inner].min()) * 1e3
-    text = f"slowed from {asked:.0f} to {lowest:.0f} mm/s in corners, and begun and ended at rest: {what}"
-    return slower, [Finding("SpeedLimit", time, phase, short, "mm/s", text, fatal=False)]
+    if order.corners == "slow":
+        followed = _follow(path, 0.0, order, arm, rotation, step)
+        slower = _quickest(followed, np.full(len(followed.lengths), order.speed), arm)
+        inner = (followed.phases > 0.02) & (followed.phases < 0.98)
+        lowest = float(law_speed(slower, followed.lengths)[inner].min()) * 1e3
+        if lowest >= SLOWEST_SHARE * asked:
+            text = f"slowed from {asked:.0f} to {lowest:.0f} mm/s in corners, begun and ended at rest: {what}"
+            return slower, [Finding("SpeedLimit", time, phase, short, "mm/s", text, fatal=False)]
+    text = f"constant {asked:.0f} mm/s is impossible: {what}: lower the speed, or give a blend radius"
+    raise MotionRefused([Finding("SpeedLimit", time, phase, short, "mm/s", text)])
 
 
 def curvature(path: ToolPath, lengths: Floats) -> Floats:

@@ -53,7 +53,7 @@ class MotionOrder:
     max_deviation: float = 0.0
     speed_fraction: float = 1.0
     blend_radius: float = 0.0
-    corners: Literal["refuse", "slow"] = "refuse"
+    corners: Literal["slow", "refuse"] = "slow"
     chord_tolerance: float = 5e-5
     tube_sigmas: float = 0.0
     tube_policy: Literal["flag", "stop"] = "flag"

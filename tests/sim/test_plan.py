@@ -97,7 +97,7 @@ def test_time_optimal_is_faster_than_shown_and_within_limits(planned):
 
 
 def test_a_slowed_corner_is_told_with_its_place(planned):
-    plan = planned(MotionOrder(timing="constant_speed", speed=0.12, corners="slow"))
+    plan = planned(MotionOrder(timing="constant_speed", speed=0.12))
     (told,) = plan.findings
     assert (told.code, told.fatal) == ("SpeedLimit", False)
     assert 0.0 < told.phase < 1.0
@@ -190,7 +190,7 @@ BAD_ORDERS = [
     (MotionOrder(frame=(0.9, 0, 0.1, 0, 0, 0, 1)), "NoIkSolution", "mm"),
     (MotionOrder(frame=(0.42, 0.44, 0.1, 0, 0, 0, 1)), "WorkspaceLimit", "x 420.0 y 450"),
     (MotionOrder(frame=(0.42, 0, 0.1, 1, 0, 0, 0)), "Collision", "inside each other"),
-    (MotionOrder(timing="constant_speed", speed=0.2), "SpeedLimit", "a corner allows"),
+    (MotionOrder(timing="constant_speed", speed=0.2, corners="refuse"), "SpeedLimit", "a corner allows"),
     (MotionOrder(timing="constant_speed", speed=0.9), "SpeedLimit", "500 mm/s at most"),
     (MotionOrder(duration=0.2), "SpeedLimit", "cannot be run in 0.2 s"),
     (

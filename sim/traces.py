@@ -1,0 +1,36 @@
+"""Traces as files: one row a time step, one column a quantity, with its unit in the name."""
+
+import csv
+import io
+
+import numpy as np
+
+from sim.arm import Trace
+
+
+def columns(trace: Trace) -> dict[str, np.ndarray]:
+    """Return the trace by column name, in the order of the file: SI units, the unit in the name."""
+    table: dict[str, np.ndarray] = {"time_s": trace.times, "path_time_s": trace.path_times}
+    for k in range(trace.joints_commanded.shape[1]):
+        table[f"joint{k + 1}_commanded_rad"] = trace.joints_commanded[:, k]
+        table[f"joint{k + 1}_measured_rad"] = trace.joints_measured[:, k]
+    for k, axis in enumerate("xyz"):
+        table[f"nozzle_{axis}_commanded_m"] = trace.tool_commanded[:, k]
+        table[f"nozzle_{axis}_measured_m"] = trace.tool_measured[:, k]
+    return table | {"valve_open": trace.dispense.astype(int), "override": trace.override}
+
+
+def to_csv(trace: Trace) -> str:
+    """Return the trace as CSV.
+
+    Its numbers read back are bit for bit the same. Comment lines say what it was measured on.
+    """
+    out = io.StringIO()
+    out.write(f"# source: {trace.source}\n")
+    for at, text in trace.events:
+        out.write(f"# at {at:.3f} s: {text}\n")
+    table = columns(trace)
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(table)
+    writer.writerows(zip(*(column.tolist() for column in table.values()), strict=True))
+    return out.getvalue()
