@@ -91,3 +91,14 @@ class ReaderError(LibraryError):
         super().__init__(f"{place}: {problem}; {remedy}")
         self.path = path
         self.line = line
+
+
+class ChoiceNeeded(ReaderError):
+    """A good file that leaves something open: ``choice`` is the field of Choices to fill, ``options`` what there is."""
+
+    def __init__(
+        self, path: Path, problem: str, remedy: str, choice: str, options: tuple[str, ...], line: int | None = None
+    ) -> None:
+        super().__init__(path, problem, remedy, line)
+        self.choice = choice
+        self.options = options

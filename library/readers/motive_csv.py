@@ -5,7 +5,7 @@ Times come from the export frame rate: the time column is rounded to millisecond
 
 from library.readers.choices import Choices
 from library.readers.sheet import METRES, Sheet
-from library.readers.tracks import Track, follow, frame_times, pick, table
+from library.readers.tracks import Track, follow, frame_times, pick, table, up_axis_needed
 from models.demonstration import Demonstration
 
 AGAIN = "export it again from Motive as CSV"
@@ -25,8 +25,7 @@ def read(sheet: Sheet, choices: Choices) -> list[Demonstration]:
     if unit is None:
         raise sheet.error(f"Length Units are {told.get('Length Units', '')!r}", AGAIN, 1)
     if not choices.up_axis:
-        remedy = "choose the up axis: y unless Motive was set to z"
-        raise sheet.error("the format does not say which axis points up", remedy, 1)
+        raise up_axis_needed(sheet, "choose the up axis: y unless Motive was set to z")
     found = [line for line, cells in enumerate(sheet.rows[:20], 1) if cells[:1] == ["Frame"]]
     if not found:
         raise sheet.error("there is no line that begins with Frame", AGAIN)

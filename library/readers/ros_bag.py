@@ -35,7 +35,7 @@ def read(path: Path, choices: Choices) -> list[Demonstration]:
         with AnyReader([_recording(path)], default_typestore=store) as bag:
             connections = [one for one in bag.connections if one.msgtype in POSITIONS]
             topics = sorted({one.topic for one in connections})
-            topic = topics[pick(path, topics, choices.topic)]
+            topic = topics[pick(path, topics, choices.topic, "topic")]
             samples: list[tuple[int, tuple[float, float, float]]] = []
             for connection, _, raw in bag.messages([one for one in connections if one.topic == topic]):
                 message: Any = bag.deserialize(raw, connection.msgtype)

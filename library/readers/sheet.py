@@ -8,7 +8,7 @@ from typing import Self
 
 import numpy as np
 
-from library.errors import ReaderError
+from library.errors import ChoiceNeeded, ReaderError
 from models.demonstration import Bools, Demonstration, Floats
 
 METRES = {"m": 1.0, "meters": 1.0, "metres": 1.0, "cm": 0.01, "centimeters": 0.01, "mm": 0.001, "millimeters": 0.001}
@@ -104,10 +104,12 @@ def demonstration(
         raise ReaderError(path, f"{name} has no position at all", "choose a marker that was seen")
     extent = float(np.nanmax(np.abs(points)))
     if extent > MAX_EXTENT:
-        raise ReaderError(
+        raise ChoiceNeeded(
             path,
             f"{name} is up to {extent:.0f} m away from the origin",
             "name the unit of its positions, as in x_mm, or choose it when reading",
+            "unit",
+            ("m", "cm", "mm"),
         )
     steps = np.diff(times)
     if not (steps > 0).all():

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from library.errors import ReaderError
+from library.errors import ChoiceNeeded, ReaderError
 from library.readers.choices import Choices
 from library.readers.sheet import Sheet, demonstration, turned_up
 from models.demonstration import Demonstration, Floats
@@ -65,22 +65,28 @@ def table(sheet: Sheet, lines: Sequence[int], columns: Sequence[int], width: int
     return values
 
 
-def pick(path: Path, names: Sequence[str], wanted: str) -> int:
-    """Return the place of the wanted name among ``names``; a single one need not be named."""
+def pick(path: Path, names: Sequence[str], wanted: str, choice: str = "marker") -> int:
+    """Return the place of the wanted name; a single one need not be named. ``choice`` says marker or topic."""
     if not wanted and len(names) == 1:
         return 0
     shown = ", ".join(names[:LISTED]) + (f" and {len(names) - LISTED} more" if len(names) > LISTED else "")
     if not names:
-        raise ReaderError(path, "it holds no markers", "export it with its trajectories")
+        raise ReaderError(path, f"it holds no {choice}s to follow", "export or record it with positions")
     if not wanted:
-        raise ReaderError(path, f"it holds {len(names)} markers", f"choose one of {shown}")
+        raise ChoiceNeeded(path, f"it holds {len(names)} {choice}s", f"choose one of {shown}", choice, tuple(names))
     for same in (str, str.casefold, _without_subject):
         found = [place for place, name in enumerate(names) if same(name) == same(wanted)]
         if len(found) == 1:
             return found[0]
         if found:
-            raise ReaderError(path, f"{len(found)} markers are called {wanted!r}", "name them apart and export again")
-    raise ReaderError(path, f"it holds no marker {wanted!r}", f"choose one of {shown}")
+            raise ReaderError(path, f"{len(found)} {choice}s are called {wanted!r}", "name them apart and export again")
+    raise ChoiceNeeded(path, f"it holds no {choice} {wanted!r}", f"choose one of {shown}", choice, tuple(names))
+
+
+def up_axis_needed(sheet: Sheet, remedy: str) -> ChoiceNeeded:
+    """Return the complaint that the up axis has to be chosen, for the caller to raise."""
+    problem = "the format does not say which axis points up"
+    return ChoiceNeeded(sheet.path, problem, remedy, "up_axis", ("x", "y", "z"))
 
 
 def _without_subject(name: str) -> str:

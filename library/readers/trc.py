@@ -5,7 +5,7 @@ Real files are separated by tabs or commas and promise more frames than they hol
 
 from library.readers.choices import Choices
 from library.readers.sheet import METRES, Sheet
-from library.readers.tracks import Track, follow, frame_times, pick, table
+from library.readers.tracks import Track, follow, frame_times, pick, table, up_axis_needed
 from models.demonstration import Demonstration
 
 AGAIN = "export it again as TRC"
@@ -41,7 +41,7 @@ def read(sheet: Sheet, choices: Choices) -> list[Demonstration]:
     if not lines:
         raise sheet.error("there are no samples", AGAIN, 6)
     if not choices.up_axis:
-        raise sheet.error("the format does not say which axis points up", "choose the up axis: x, y or z", 1)
+        raise up_axis_needed(sheet, "choose the up axis: x, y or z")
     points = table(sheet, lines, (first, first + 1, first + 2), width=first + 3) * unit
     told = [sheet.number(line, 1) for line in lines]
     track = Track(names[first], frame_times(sheet, lines, rate, told=told), points)

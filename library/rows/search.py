@@ -12,6 +12,15 @@ from library.tables import deployments, versions
 
 DEFAULT_LIMIT = 100
 MAX_LIMIT = 1000
+SUMMARY = (
+    versions.c.skill_name,
+    versions.c.version,
+    versions.c.semantic_type,
+    versions.c.state,
+    versions.c.model_digest,
+    versions.c.created_at,
+    versions.c.created_by,
+)
 
 
 def page(
@@ -63,7 +72,7 @@ def find(
         limit=limit + 1,
     ).subquery()
     same = (versions.c.skill_name == names.c.skill_name) & (versions.c.version == names.c.version)
-    rows = connection.execute(sql.select(versions).join(names, same).order_by(versions.c.skill_name)).all()
+    rows = connection.execute(sql.select(*SUMMARY).join(names, same).order_by(versions.c.skill_name)).all()
     more = len(rows) > limit
     summaries = summarise(connection, rows[:limit])
     return summaries, summaries[-1].name if more else ""
@@ -71,11 +80,11 @@ def find(
 
 def of_skill(connection: sql.Connection, name: str) -> list[SkillSummary]:
     """Return a summary of each version of a skill, the newest first."""
-    query = sql.select(versions).where(versions.c.skill_name == name).order_by(versions.c.version.desc())
+    query = sql.select(*SUMMARY).where(versions.c.skill_name == name).order_by(versions.c.version.desc())
     return summarise(connection, connection.execute(query).all())
 
 
-def summarise(connection: sql.Connection, rows: Sequence[sql.Row[Any]]) -> list[SkillSummary]:
+def summarise(connection: sql.Connection, rows: Sequence[Any]) -> list[SkillSummary]:
     """Return the summaries of rows of versions."""
     stations: dict[tuple[str, int], list[str]] = {}
     names = {row.skill_name for row in rows}

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from library.errors import ReaderError
+from library.errors import ChoiceNeeded, ReaderError
 from library.readers import Choices, c3d, read, ros_bag
 
 FRAMES = 40
@@ -106,8 +106,11 @@ def test_the_chosen_marker_is_read_with_its_gap_and_exact_times(tmp_path: Path, 
 def test_which_marker_has_to_be_said_where_there_are_several(tmp_path: Path, name: str) -> None:
     path = tmp_path / name
     path.write_text(FORMATS[name][0](), encoding="utf-8")
-    with pytest.raises(ReaderError, match=r"2 markers; choose one of .*Wrist, .*Tool"):
+    with pytest.raises(ChoiceNeeded, match=r"2 markers; choose one of .*Wrist, .*Tool") as question:
         read(path, Choices(up_axis="z"))
+    assert question.value.choice == "marker"
+    for answer in question.value.options:
+        assert len(read(path, Choices(marker=answer, up_axis="z"))) == 1
     with pytest.raises(ReaderError, match="no marker 'Elbow'"):
         read(path, Choices(marker="Elbow", up_axis="z"))
 
@@ -116,8 +119,9 @@ def test_which_marker_has_to_be_said_where_there_are_several(tmp_path: Path, nam
 def test_which_axis_points_up_has_to_be_said_where_the_format_does_not(tmp_path: Path, name: str) -> None:
     path = tmp_path / name
     path.write_text(FORMATS[name][0](), encoding="utf-8")
-    with pytest.raises(ReaderError, match="choose the up axis"):
+    with pytest.raises(ChoiceNeeded, match="choose the up axis") as question:
         read(path, Choices(marker="Tool"))
+    assert (question.value.choice, question.value.options) == ("up_axis", ("x", "y", "z"))
 
 
 @pytest.mark.parametrize("up_axis", ["x", "y", "z"])
