@@ -163,38 +163,38 @@ def test_any_other_text_is_refused_in_one_sentence(text: str, cut: int) -> None:
 
 
 LEARN = """
+from models.demonstration import Edits
 from models.learning import learn
 from models.options import LearningOptions
 from models.people import simulated_people
-from models.demonstration import Edits
 from library.rows.learned import prepare
+
 people, _ = simulated_people(4, seed=3)
-options = LearningOptions(preset=PRESET)
-made = prepare(
-    name="glue", semantic_type="urn:example:Gluing", required_atomic_skills=("FollowPath",), demonstrations=people,
-    edits=Edits(), options=options, learned=learn(people, Edits(), options), actor=ACTOR, based_on=None,
-    parameters=(), frame="part",
-)
-print(made.description.model_digest)
+for options in (LearningOptions(), LearningOptions(preset="paper")):
+    made = prepare(
+        name="glue", semantic_type="urn:example:Gluing", required_atomic_skills=("FollowPath",), demonstrations=people,
+        edits=Edits(), options=options, learned=learn(people, Edits(), options), actor=ACTOR, based_on=None,
+        parameters=(), frame="part",
+    )
+    print(made.description.model_digest)
 """
 
 
-@pytest.mark.parametrize("preset", ["recommended", "paper"])
-def test_the_same_recordings_give_the_same_digest_in_another_process(preset: str) -> None:
-    digests: set[str] = set()
-    for actor, hash_seed in (("tina", "1"), ("otto", "2")):
-        done = subprocess.run(
-            [sys.executable, "-c", LEARN.replace("PRESET", repr(preset)).replace("ACTOR", repr(actor))],
-            env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path)), "PYTHONHASHSEED": hash_seed},
-            capture_output=True,
+def test_the_same_recordings_and_options_give_the_same_digest_in_another_process() -> None:
+    path = os.pathsep.join(filter(None, sys.path))
+    processes = [
+        subprocess.Popen(
+            [sys.executable, "-c", LEARN.replace("ACTOR", repr(actor))],
+            env={**os.environ, "PYTHONPATH": path, "PYTHONHASHSEED": str(seed), "OMP_NUM_THREADS": str(seed)},
+            stdout=subprocess.PIPE,
             text=True,
-            check=False,
-            timeout=120,
         )
-        assert done.returncode == 0, done.stderr
-        digests.add(done.stdout.strip())
-    assert len(digests) == 1
-    assert len(digests.pop()) == 64
+        for seed, actor in enumerate(("tina", "otto"), 1)
+    ]
+    first, second = [process.communicate(timeout=150)[0].split() for process in processes]
+    assert [process.returncode for process in processes] == [0, 0]
+    assert first == second
+    assert len(set(first)) == 2
 
 
 async def test_what_people_showed_comes_out_of_the_library_as_the_same_path(library: Any, teach: Any) -> None:
