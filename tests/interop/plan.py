@@ -1,4 +1,4 @@
-"""What a foreign client is told: address, its certificate in PEM, users, and demonstrations of simulated people."""
+"""What a foreign client is told, as JSON and as properties: address, certificate, users, simulated demonstrations."""
 
 import json
 from pathlib import Path
@@ -43,7 +43,20 @@ def written(plant: Any, folder: Path) -> Path:
         "demonstrations": demonstrations,
     }
     plan.write_text(json.dumps(content))
+    files = [_rows(folder, one) for one in demonstrations]
+    lines = {**content, "demonstrations": ",".join(map(str, files))}
+    (folder / "plan.properties").write_text("".join(f"{key}={value}\n" for key, value in lines.items()))
     return plan
+
+
+def _rows(folder: Path, one: dict[str, Any]) -> Path:
+    """Write a demonstration as rows of time, position and trigger, for clients without a JSON reader."""
+    file, dimension = folder / f"{one['demonstrationId']}.csv", one["dimension"]
+    places = [one["positions"][at : at + dimension] for at in range(0, len(one["positions"]), dimension)]
+    triggers = one["triggers"] or [True] * len(places)
+    rows = zip(one["times"], places, triggers, strict=True)
+    file.write_text("".join(f"{time},{','.join(map(str, place))},{int(on)}\n" for time, place, on in rows))
+    return file
 
 
 def holds(told: dict[str, Any]) -> None:
