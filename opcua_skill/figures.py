@@ -51,7 +51,7 @@ async def view_of(client: SkillClient, skill_name: str, version: int = 0, title:
 
 def learning_figure(views: Sequence[View], file: FilePath) -> None:
     """Draw the paper's Figure 3, a row a version: aligned demonstrations; components and regression; path alone."""
-    figure = Figure(figsize=(12.6, 0.6 + (0.5 + 3.7 * tallness(views)) * len(views)), layout="constrained")
+    figure = Figure(figsize=(12.6, 0.2 + (0.65 + 3.55 * tallness(views)) * len(views)), layout="constrained")
     grid: Any = figure.subplots(len(views), 3, squeeze=False, sharex=True, sharey=True)
     for row, view in zip(grid, views, strict=True):
         draw_aligned(row[0], view)
@@ -64,10 +64,11 @@ def learning_figure(views: Sequence[View], file: FilePath) -> None:
 
 
 def tallness(views: Sequence[View]) -> float:
-    """Return height over width of what is drawn, within what still reads well."""
-    points = np.vstack([view.path.points[:, :2] for view in views])
-    width, height = np.maximum(np.ptp(points, axis=0), 1e-6)
-    return float(np.clip(1.1 * height / width, 0.6, 1.4))
+    """Return height over width of what is drawn, with room for the components around it, within what reads well."""
+    shown = [one.points[:, :2] for view in views for one in view.recordings.aligned]
+    points = mm(np.vstack([*shown, *(view.path.points[:, :2] for view in views)]))
+    width, height = np.nanmax(points, axis=0) - np.nanmin(points, axis=0)
+    return float(np.clip((height + 10.0) / (width + 20.0), 0.4, 1.6))
 
 
 def draw_aligned(axes: Axes, view: View) -> None:

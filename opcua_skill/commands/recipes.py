@@ -2,14 +2,15 @@
 
 import json
 import tomllib
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 from pydantic.alias_generators import to_snake
 
-from opcua_skill.client import Recipe
-from opcua_skill.commands.connection import DEFAULT_SERVER, Json, Server, User, with_client
+from opcua_skill.client import Recipe, Skill, SkillClient
+from opcua_skill.commands.connection import DEFAULT_SERVER, Json, Output, Server, User, Version, with_client
 from opcua_skill.commands.faults import Fault
 from opcua_skill.commands.fields import made_of
 from opcua_skill.commands.output import plain, print_json, say, screen, table
@@ -85,6 +86,41 @@ def put(
         print_json(recipe)
     else:
         say(f"recipe {recipe.recipe_id} is stored")
+
+
+class Picture(StrEnum):
+    """What is drawn."""
+
+    ARM = "arm"
+    WORK = "work"
+    CARD = "card"
+
+
+@app.command()
+def picture(
+    recipe_id: RecipeId,
+    output: Output,
+    view: Annotated[Picture, typer.Option(help="the arm, the nozzle at work, or the operator's card")] = Picture.CARD,
+    arm: Annotated[str, typer.Option(metavar="NAME", help="the arm that is to run it")] = "panda",
+    version: Version = 0,
+    server: Server = DEFAULT_SERVER,
+    user: User = "",
+    as_json: Json = False,
+) -> None:
+    """Plan a run of a recipe here and draw it: the path to scale, and the arm at work."""
+    from opcua_skill.commands.drawing import drawn
+
+    async def work(client: SkillClient) -> tuple[Recipe, Skill]:
+        recipe = await client.recipe(recipe_id)
+        return recipe, await client.skill(recipe.skill_name, version or recipe.skill_version)
+
+    recipe, skill = with_client(server, user, work)
+    output.parent.mkdir(parents=True, exist_ok=True)
+    output.write_bytes(drawn(skill, recipe, arm, view.value))
+    if as_json:
+        print_json({"file": output})
+    else:
+        say(f"wrote {output}")
 
 
 @app.command()

@@ -1,17 +1,11 @@
 """The demo's pictures, all from what clients were told over OPC UA."""
 
 import asyncio
-import importlib.util
-import json
-import sys
 from pathlib import Path
 
-from opcua_skill.demo.plant import Plant, PlantFailed
+from opcua_skill.demo.plant import Plant, command, finished
 from opcua_skill.demo.story import PRESETS, SKILL, Outcome
 from opcua_skill.figures import Run, learning_figure, runs_figure, view_of
-
-ARTIST = "sim.picture"
-PATIENCE = 120.0
 
 
 async def draw(plant: Plant, outcome: Outcome, arm: str, folder: Path) -> list[Path]:
@@ -30,26 +24,14 @@ async def draw(plant: Plant, outcome: Outcome, arm: str, folder: Path) -> list[P
     files = [folder / "figure-3.png", folder / "commanded-measured.png"]
     await asyncio.to_thread(learning_figure, views, files[0])
     await asyncio.to_thread(runs_figure, runs, files[1])
-    if importlib.util.find_spec(ARTIST) is not None and outcome.joints:
-        files.append(await draw_arm(outcome, arm, folder / "arm.png"))
+    files.append(await draw_arm(plant, outcome, arm, folder / "arm.png"))
     return files
 
 
-async def draw_arm(outcome: Outcome, arm: str, file: Path) -> Path:
-    """Write a picture of the arm on its way, drawn by a process of its own from joints and measured path."""
-    scene = {"arm": arm, "joints": list(outcome.joints), "path": outcome.runs[0].trace.measured.tolist()}
-    process = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-m", ARTIST, "-o", str(file)),
-        stdin=asyncio.subprocess.PIPE,
-        stdout=asyncio.subprocess.DEVNULL,
-        stderr=asyncio.subprocess.PIPE,
-    )
-    try:
-        async with asyncio.timeout(PATIENCE):
-            _, complaint = await process.communicate(json.dumps(scene).encode())
-    finally:
-        if process.returncode is None:
-            process.kill()
-    if process.returncode:
-        raise PlantFailed(f"the arm could not be drawn: {complaint.decode().strip()[-300:]}")
+async def draw_arm(plant: Plant, outcome: Outcome, arm: str, file: Path) -> Path:
+    """Write the operator's card of the first recipe, by the command that everybody has for it."""
+    recipe, version = outcome.runs[0].recipe, outcome.skills[outcome.chosen].version
+    words = ("recipes", "picture", recipe.recipe_id, "--arm", arm, "--version", str(version), "-o", str(file))
+    sign_in = {"OPCUA_SKILL_PASSWORD": plant.passwords["mes"], "OPCUA_SKILL_CLIENT_DIR": str(plant.client_folder)}
+    await finished(command(*words, "--user", "mes", "--server", plant.url), "drawing the arm", {**sign_in})
     return file

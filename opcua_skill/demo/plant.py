@@ -68,20 +68,30 @@ def command(*words: str) -> tuple[str, ...]:
 
 
 async def administer(folder: Path, *words: str, typed: str = "") -> None:
-    """Run one command on the data folder; raise with its own sentence if it fails."""
+    """Run one command on the data folder."""
+    await finished(command(*words, "--data", str(folder / "data")), " ".join(words[:2]), {}, typed)
+
+
+async def finished(words: Sequence[str], doing: str, more: Mapping[str, str], typed: str = "") -> None:
+    """Run a command to its end; raise with its own sentence if it fails."""
     process = await asyncio.create_subprocess_exec(
-        *command(*words, "--data", str(folder / "data")),
+        *words,
         stdin=asyncio.subprocess.PIPE,
-        stdout=asyncio.subprocess.PIPE,
+        stdout=asyncio.subprocess.DEVNULL,
         stderr=asyncio.subprocess.PIPE,
+        env={**os.environ, **more},
+        start_new_session=True,
     )
     try:
-        _, complaint = await process.communicate(f"{typed}\n".encode())
+        async with asyncio.timeout(START_LIMIT):
+            _, complaint = await process.communicate(f"{typed}\n".encode())
+    except TimeoutError:
+        raise PlantFailed(f"{doing} took longer than {START_LIMIT:g} s") from None
     finally:
-        if process.returncode is None:
-            process.kill()
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
     if process.returncode:
-        raise PlantFailed(f"{' '.join(words[:2])}: {complaint.decode().strip()}")
+        raise PlantFailed(f"{doing}: {complaint.decode().strip().removeprefix('error: ')}")
 
 
 @contextlib.asynccontextmanager

@@ -1,13 +1,11 @@
 """The main job: people show, an engineer approves, an MES orders, the arm runs. Every step is an OPC UA client's."""
 
-import asyncio
-import contextlib
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from models.demonstration import Demonstration
-from opcua_skill.client import Event, JobReport, JobTrace, LearningOptions, Recipe, Skill, SkillClient, TookTooLong
+from opcua_skill.client import JobReport, JobTrace, LearningOptions, Recipe, Skill, SkillClient
 from opcua_skill.demo.plant import Plant
 
 SKILL = "glue-plate"
@@ -40,7 +38,6 @@ class Outcome:
     chosen: str
     runs: Sequence[Ran]
     seconds_to_first_run: float
-    joints: Sequence[float]
 
     def path_error(self, preset: str) -> float:
         """Return RMS of learned path against the mean of the aligned demonstrations, in m, as the report says."""
@@ -61,15 +58,13 @@ async def main_story(plant: Plant, demonstrations: Sequence[Demonstration], on_s
         recipes = await release(engineer, skills[chosen])
         orders = [(recipe, await order(mes, recipe)) for recipe in recipes]
         runs: list[Ran] = []
-        joints: list[float] = []
         first = 0.0
         for recipe, job_id in orders:
-            report, seen = await watch(mes, recipe, job_id, on_step)
+            report = await watch(mes, recipe, job_id, on_step)
             first = first or time.monotonic() - began
             runs.append(Ran(recipe, report, await mes.workstation(STATION).trace(job_id)))
-            joints = joints or seen
     held(runs)
-    return Outcome(skills, chosen, runs, first, joints)
+    return Outcome(skills, chosen, runs, first)
 
 
 async def teach(teacher: SkillClient, preset: str, demonstrations: Sequence[Demonstration], on_step: OnStep) -> Skill:
@@ -96,7 +91,14 @@ async def release(engineer: SkillClient, skill: Skill) -> tuple[Recipe, Recipe]:
     [default, *_] = await engineer.recipes(skill.name)
     recipes = (
         replace(default, recipe_id="frame-a", product="frame A", time_step=0.008, timing="demonstrated"),
-        replace(default, recipe_id="frame-b", product="frame B", time_step=0.004, timing="constant_speed", speed=0.03),
+        replace(
+            default,
+            recipe_id="frame-b",
+            product="frame B",
+            time_step=0.004,
+            timing="constant_speed",
+            speed=0.025,
+        ),
     )
     for recipe in recipes:
         await engineer.put_recipe(recipe)
@@ -109,31 +111,10 @@ async def order(mes: SkillClient, recipe: Recipe) -> str:
     return started.job_id
 
 
-async def watch(mes: SkillClient, recipe: Recipe, job_id: str, on_step: OnStep) -> tuple[JobReport, list[float]]:
-    """Follow a job to its end; return its report, and the joints somewhere on the way, in rad."""
+async def watch(mes: SkillClient, recipe: Recipe, job_id: str, on_step: OnStep) -> JobReport:
+    """Follow a job to its end; return its report."""
     doing = f"the arm runs recipe {recipe.recipe_id}"
-    joints: list[float] = []
-    halfway = 0.0
-
-    async with mes.events() as told:
-        deadline = time.monotonic() + RUN_LIMIT
-        while True:
-            report = await mes.workstation(STATION).job(job_id)
-            on_step(doing, report.progress)
-            if report.ended:
-                return report, joints
-            if report.state == "Running" and halfway < 0.5:
-                halfway = report.progress
-                joints = (await mes.workstation(STATION).arm()).position.tolist()
-            if time.monotonic() > deadline:
-                raise TookTooLong(f"job {job_id} is still {report.state} after {RUN_LIMIT:g} s")
-            await next_news(told)
-
-
-async def next_news(told: asyncio.Queue[Event]) -> None:
-    """Wait until the server tells something, a quarter of a second at most."""
-    with contextlib.suppress(TimeoutError):
-        await asyncio.wait_for(told.get(), 0.25)
+    return await mes.follow(job_id, on=STATION, limit=RUN_LIMIT, on_progress=lambda job: on_step(doing, job.progress))
 
 
 def held(runs: Sequence[Ran]) -> None:
