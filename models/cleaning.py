@@ -62,8 +62,7 @@ def check(demonstration: Demonstration) -> None:
         raise UnusableDemonstration("the marker was lost nearly throughout: check the cameras and record it again")
     if np.abs(points[seen]).max() > 1e6:
         raise UnusableDemonstration("positions beyond a thousand kilometres: check the export's units")
-    reach = np.ptp(points[seen], axis=0)
-    if float(np.sqrt((reach * reach).sum())) < SHORTEST_MOTION:
+    if _extent(points[seen]) < SHORTEST_MOTION:
         raise UnusableDemonstration("nothing moves further than 1 mm: record it again")
 
 
@@ -90,6 +89,8 @@ def clean(demonstration: Demonstration, struck: frozenset[int], filter_window: f
         seen, places = middles[~wrong], medians[~wrong]
         if len(seen) < LEAST_SAMPLES:
             raise UnusableDemonstration("reflections throughout: check the cameras and record it again")
+        if _extent(places) < SHORTEST_MOTION:
+            raise UnusableDemonstration("nothing moves further than 1 mm but for reflections: record it again")
     count = max(LEAST_SAMPLES, round((seen[-1] - seen[0]) / float(np.median(np.diff(seen)))) + 1)
     grid = np.linspace(seen[0], seen[-1], min(count, MOST_SAMPLES))
     even = _resampled(seen, places, grid)
@@ -107,6 +108,12 @@ def clean(demonstration: Demonstration, struck: frozenset[int], filter_window: f
         usable,
         gap,
     )
+
+
+def _extent(points: Floats) -> float:
+    """Return the diagonal in m of the box around points (n, d)."""
+    reach = np.ptp(points, axis=0)
+    return float(np.sqrt((reach * reach).sum()))
 
 
 def _thinned(times: Floats, points: Floats, block: int) -> tuple[Floats, Floats]:
@@ -172,8 +179,7 @@ def _without_gaps(times: Floats, points: Floats, grid: Floats) -> tuple[Bools, f
     """
     spans = np.diff(times)
     moved = np.sqrt((np.diff(points, axis=0) ** 2).sum(axis=1))
-    reach = np.ptp(points, axis=0)
-    size = float(np.sqrt((reach * reach).sum()))
+    size = _extent(points)
     wide = (spans > max(LONGEST_BRIDGE, 8.0 * float(np.median(spans)))) & (moved > WIDEST_BRIDGE * size)
     known = np.ones(len(grid), dtype=bool)
     for gap in np.flatnonzero(wide):
@@ -183,10 +189,9 @@ def _without_gaps(times: Floats, points: Floats, grid: Floats) -> tuple[Bools, f
 
 def _crossing_time(times: Floats, points: Floats) -> float:
     """Return the time in s in which the hand usually crosses 2 % of the drawing: a longer filter would cut its corners."""
-    reach = np.ptp(points, axis=0)
     lengths = np.sqrt((np.diff(points, axis=0) ** 2).sum(axis=1))
     usual = float(np.median(lengths[lengths > 0])) / float(times[1] - times[0])
-    return FILTER_REACH * float(np.sqrt((reach * reach).sum())) / usual
+    return FILTER_REACH * _extent(points) / usual
 
 
 def _resampled(times: Floats, values: Floats, grid: Floats) -> Floats:

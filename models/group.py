@@ -28,6 +28,7 @@ OPEN_DISTANCE = 0.05
 OPEN_PHASE = 0.02
 OPEN_SPREAD = 3.0
 FADING = 0.05
+LEAST_COVER = 0.3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,6 +94,7 @@ def lay_upon_each_other(curves: Floats, method: str, radius: int) -> Group:
     first, last = loose.first * COARSE, loose.last * COARSE
     late, early = _open_sides(curves, shape, first, last)
     positions = _finer(loose.positions, points)
+    positions[last - first < LEAST_COVER * points] = np.arange(points, dtype=np.float64)
     weights = _fading(first, last, late, early, points)
     for turn in range(ROUNDS):
         size = diagonal(shape)
@@ -150,14 +152,16 @@ def _open_sides(curves: Floats, shape: Floats, first: Indices, last: Indices) ->
     """Return who (u,) started late and who let go early.
 
     Someone did if the drawing's end is far from the shape's: than 5 % of the diagonal and than three times the others' usual
-    distance; and if the open warp leaves at least 2 % of the shape unmatched there.
+    distance; and if the open warp leaves at least 2 % of the shape unmatched
+    there, and matches 30 % of it at all.
     """
     size, most = diagonal(shape), len(shape) - 1
+    covering = last - first >= LEAST_COVER * len(shape)
     sides: list[Bools] = []
     for side, unmatched in ((0, first), (-1, most - last)):
         away = np.sqrt(((curves[:, side] - shape[side]) ** 2).sum(axis=1))
         limit = max(OPEN_DISTANCE * size, OPEN_SPREAD * float(np.median(away)))
-        sides.append((away > limit) & (unmatched > OPEN_PHASE * most))
+        sides.append(covering & (away > limit) & (unmatched > OPEN_PHASE * most))
     return sides[0], sides[1]
 
 

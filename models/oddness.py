@@ -54,6 +54,21 @@ def against_direction(curves: Floats) -> list[int]:
     ]
 
 
+def mismatch(points: Floats, weights: Floats) -> float:
+    """Return how far half of the aligned motions (u, n, d) are from their mean shape, once place and size are taken out.
+
+    In parts of the mean's diagonal, root mean square. People who draw one shape stay below 0.06; two shapes mixed make 0.17.
+    """
+    mean = mean_shape(points, weights)
+    rests: list[float] = []
+    for own in points:
+        known = np.asarray(np.isfinite(own).all(axis=1))
+        here, there = own[known] - own[known].mean(axis=0), mean[known] - mean[known].mean(axis=0)
+        scale = float(np.sqrt((there * there).sum() / max(float((here * here).sum()), 1e-300)))
+        rests.append(float(np.sqrt(((scale * here - there) ** 2).sum(axis=1).mean())))
+    return float(np.median(rests)) / max(diagonal(mean), 1e-300)
+
+
 def odd_ones(points: Floats, weights: Floats) -> dict[int, Remark]:
     """Return which of the aligned motions (u, n, d) are off, where and by how much, by their worst 5 % of the path.
 

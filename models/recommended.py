@@ -11,10 +11,11 @@ import numpy as np
 from models.cleaning import CleanMotion, moving_average
 from models.correspondence import Correspondence, Fitted, Progress, Remark, mean_of, taken_at
 from models.demonstration import Floats
+from models.errors import MixedDemonstrations
 from models.experts import Fit, Handover, fit_handover, lines, retimed
 from models.group import POINTS, Group, diagonal, lay_upon_each_other
 from models.mixture import Mixture
-from models.oddness import against_direction, first_pass, odd_ones
+from models.oddness import against_direction, first_pass, mismatch, odd_ones
 from models.options import LearningOptions
 from models.phase import arc_lengths, at, travelled
 from models.placing import laid_freely
@@ -24,6 +25,7 @@ FIT_POINTS = 100
 FIT_ROWS = 3000
 ROUNDS = 3
 LEAST_PACE = 0.25
+MIXED = 0.12
 COVARIANCE_FLOOR = 1e-5
 
 
@@ -54,6 +56,10 @@ def fit_recommended(motions: list[CleanMotion], options: LearningOptions, tell: 
         left_out.update({rows[row]: remark for row, remark in odd.items()})
         rows = [row for i, row in enumerate(rows) if i not in odd]
         group, aligned = _laid(motions, curves, places, rows, options)
+    if mismatch(aligned.points, aligned.weights) > MIXED:
+        raise MixedDemonstrations(
+            "the demonstrations do not show the same shape: learn those that belong together, exclude the others"
+        )
     tell(0.7, "fitting")
     for i, row in enumerate(rows):
         if group.early[i] or group.late[i]:
