@@ -254,7 +254,7 @@ class JobEngine:
                     actor=request.actor,
                     job_id=job_id,
                     based_on=request.based_on,
-                    default_recipe=self._default_recipe(request.skill_name),
+                    default_recipe=self.default_recipe(request.skill_name),
                 )
                 report = await self._library.job(job_id)
                 await self.tell(report)
@@ -276,7 +276,7 @@ class JobEngine:
             raise LearningFailed(argument, reason)
         raise RuntimeError(reason)
 
-    def _default_recipe(self, skill_name: str) -> Recipe:
+    def default_recipe(self, skill_name: str) -> Recipe:
         """Return the recipe a new skill starts with: the part where the first workstation's cell has its plate."""
         station = next(iter(self.stations.values()))
         return Recipe(recipe_id=f"{skill_name}-default", skill_name=skill_name, frame=station.model.part_frame)

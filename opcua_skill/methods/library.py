@@ -238,7 +238,8 @@ class LibraryMethods:
             description = SkillDescription.from_json(content)
         except InvalidValue as error:
             raise out_of_range("Content", str(error)) from error
-        stored = await self.library.import_version(description, caller().name)
+        start = self.jobs.default_recipe(description.name)
+        stored = await self.library.import_version(description, caller().name, start)
         await self.tidings.version_changed(stored, caller().name, "imported")
         return (stored.name, stored.version)
 
