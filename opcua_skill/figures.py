@@ -68,7 +68,7 @@ def tallness(views: Sequence[View]) -> float:
     shown = [one.points[:, :2] for view in views for one in view.recordings.aligned]
     points = mm(np.vstack([*shown, *(view.path.points[:, :2] for view in views)]))
     width, height = np.nanmax(points, axis=0) - np.nanmin(points, axis=0)
-    return float(np.clip((height + 10.0) / (width + 20.0), 0.4, 1.6))
+    return float(np.clip((height + 20.0) / (width + 20.0), 0.4, 1.6))
 
 
 def draw_aligned(axes: Axes, view: View) -> None:
