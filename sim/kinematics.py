@@ -18,11 +18,11 @@ from scipy.spatial.transform import Rotation
 
 from sim.arm import ArmModel, Floats
 
-STAGES = 6
+STAGES = 4
 POLISH = 14
 DAMPING = 1e-9
 TOLERANCE = 1e-12
-CHUNK = 2048
+CHUNK = 1024
 REACHED = 1e-9
 
 
@@ -74,8 +74,7 @@ class Kinematics:
     def jacobian(self, joints: Floats) -> Floats:
         """Return the geometric Jacobian (n, 6, dof) of the nozzle tip in the base frame: m/s then rad/s per rad/s."""
         _, position, axes, origins = self._sweep(np.ascontiguousarray(joints.T))
-        columns = [np.concatenate([_cross(z, position - o), z]) for z, o in zip(axes, origins, strict=True)]
-        return np.stack(columns, axis=1).transpose(2, 0, 1)
+        return _columns_of_jacobian(position, axes, origins).transpose(2, 1, 0)
 
     def frames(self, joints: Floats) -> dict[str, tuple[Floats, Floats]]:
         """Return for every link of the chain its position (n, 3) and rotation (n, 3, 3) in the base frame."""
@@ -151,11 +150,10 @@ class Kinematics:
         columns, position, axes, origins = self._sweep(q)
         away = goal - position
         twist = 0.5 * _total([_cross(c, w) for c, w in zip(columns, wanted, strict=True)])
-        error = [*away, *twist]
-        jacobian = [[*_cross(z, position - o), *z] for z, o in zip(axes, origins, strict=True)]
-        weights = _solve(jacobian, error, damping)
-        step = np.stack([sum(j[r] * weights[r] for r in range(6)) for j in jacobian])
-        distance = np.sqrt(away[0] ** 2 + away[1] ** 2 + away[2] ** 2)
+        jacobian = _columns_of_jacobian(position, axes, origins)
+        weights = _solve(jacobian, np.concatenate([away, twist]), damping)
+        step = (jacobian * weights).sum(axis=1)
+        distance = np.sqrt((away * away).sum(axis=0))
         cosine = 0.5 * (_total([c * w for c, w in zip(columns, wanted, strict=True)]).sum(axis=0) - 1.0)
         angle = np.arctan2(np.sqrt((twist**2).sum(axis=0)), np.clip(cosine, -1.0, 1.0))
         return step, distance, angle
@@ -170,6 +168,7 @@ class Kinematics:
         n = q.shape[1]
         columns = [np.repeat(np.eye(3)[:, [k]], n, axis=1) for k in range(3)]
         position = np.zeros((3, n))
+        cosines, sines = np.cos(q), np.sin(q)
         axes: list[Floats] = []
         origins: list[Floats] = []
         moving = 0
@@ -182,8 +181,7 @@ class Kinematics:
                 axis = _combine(columns, joint.axis, n)
                 axes.append(axis)
                 origins.append(position)
-                cosine, sine = np.cos(q[moving]), np.sin(q[moving])
-                columns = _turn(columns, joint.axis, axis, cosine, sine)
+                columns = _turn(columns, joint.axis, axis, cosines[moving], sines[moving])
                 moving += 1
             if links is not None:
                 links[joint.child] = ([c.copy() for c in columns], position.copy())
@@ -232,33 +230,37 @@ def _columns(rotations: Floats, n: int) -> list[Floats]:
     return [np.ascontiguousarray(rotations[:, :, k].T) for k in range(3)]
 
 
-def _solve(jacobian: list[list[Floats]], error: list[Floats], damping: float | Floats) -> list[Floats]:
-    """Solve (J J^T + damping I) x = error for a batch by Cholesky, written out over the six rows."""
-    lower: list[list[Floats]] = []
-    inverse_diagonal: list[Floats] = []
-    forward: list[Floats] = []
-    for r in range(6):
-        row: list[Floats] = []
-        for c in range(r + 1):
-            value = sum(j[r] * j[c] for j in jacobian)
-            if c == r:
-                value = value + damping
-            for k in range(c):
-                value = value - row[k] * (row[k] if c == r else lower[c][k])
-            row.append(value * inverse_diagonal[c] if c < r else np.sqrt(np.maximum(value, 1e-18)))
-        lower.append(row)
-        inverse_diagonal.append(1.0 / row[r])
-        value = error[r]
-        for k in range(r):
-            value = value - row[k] * forward[k]
-        forward.append(value * inverse_diagonal[r])
-    solution: list[Floats] = [error[0]] * 6
-    for r in range(5, -1, -1):
-        value = forward[r]
-        for k in range(r + 1, 6):
-            value = value - lower[k][r] * solution[k]
-        solution[r] = value * inverse_diagonal[r]
-    return solution
+def _columns_of_jacobian(position: Floats, axes: list[Floats], origins: list[Floats]) -> Floats:
+    """Return the columns (dof, 6, n) of the geometric Jacobian."""
+    axis, arm = np.stack(axes, axis=1), position[:, None] - np.stack(origins, axis=1)
+    jacobian = np.empty((axis.shape[1], 6, axis.shape[2]))
+    for k in range(3):
+        a, b = (k + 1) % 3, (k + 2) % 3
+        jacobian[:, k] = axis[a] * arm[b] - axis[b] * arm[a]
+        jacobian[:, k + 3] = axis[k]
+    return jacobian
+
+
+def _solve(jacobian: Floats, error: Floats, damping: float | Floats) -> Floats:
+    """Solve (J J^T + damping I) x = error, (6, n), for Jacobian columns (dof, 6, n) by Cholesky."""
+    matrix = jacobian[0][:, None] * jacobian[0][None]
+    for column in jacobian[1:]:
+        matrix += column[:, None] * column[None]
+    for k in range(6):
+        matrix[k, k] += damping
+    x = error
+    for k in range(6):
+        pivot = 1.0 / np.sqrt(np.maximum(matrix[k, k], 1e-18))
+        matrix[k:, k] *= pivot
+        matrix[k, k] = pivot
+        x[k] *= pivot
+        below = matrix[k + 1 :, k]
+        matrix[k + 1 :, k + 1 :] -= below[:, None] * below[None]
+        x[k + 1 :] -= below * x[k]
+    for k in range(5, -1, -1):
+        x[k] *= matrix[k, k]
+        x[:k] -= matrix[k, :k] * x[k]
+    return x
 
 
 def _chain(urdf: str, tip: str) -> tuple[Joint, ...]:
