@@ -1,0 +1,36 @@
+"""What our stack puts in place of asyncua's is told here, with what asyncua's was when it was read.
+
+When an upgrade changes one of these, look whether our replacement is still needed, and still fits.
+"""
+
+import hashlib
+import importlib
+import inspect
+import json
+from pathlib import Path
+
+import asyncua
+import pytest
+
+from opcua_skill.stack.server import ASYNCUA_VERSION
+
+READ = json.loads((Path(__file__).parent / "asyncua_as_read.json").read_text())
+
+
+def digest(place: str) -> str:
+    """Return the digest of the source of a function or class, named module:qualified.name."""
+    module, _, name = place.partition(":")
+    found = importlib.import_module(module)
+    for part in name.split("."):
+        found = inspect.getattr_static(found, part) if inspect.isclass(found) else getattr(found, part)
+    found = inspect.unwrap(getattr(found, "__func__", found))
+    return hashlib.sha256(inspect.getsource(found).encode()).hexdigest()
+
+
+def test_the_version_that_was_read_is_the_one_that_runs():
+    assert asyncua.__version__ == ASYNCUA_VERSION
+
+
+@pytest.mark.parametrize("place", READ)
+def test_what_is_replaced_is_as_it_was_read(place: str):
+    assert digest(place) == READ[place], f"{place} has changed: is our replacement still needed, and does it still fit?"

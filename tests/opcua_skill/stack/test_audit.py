@@ -1,0 +1,49 @@
+"""Who comes to the door is recorded and told: sign-ins, refused sign-ins, refused certificates."""
+
+from pathlib import Path
+
+import pytest
+from asyncua import ua
+
+from opcua_skill.security import TrustList
+from opcua_skill.stack.audit import SignInRecord
+from tests.opcua_skill.stack.small_server import Bench
+from tests.opcua_skill.stack.test_events import listen
+
+pytestmark = pytest.mark.asyncio(loop_scope="module")
+
+
+async def test_a_sign_in_is_recorded_and_then_told(bench: Bench):
+    records: list[SignInRecord] = []
+
+    async def note(record: SignInRecord) -> None:
+        records.append(record)
+
+    bench.server.iserver.on_sign_in = note
+    async with bench.client("engineer") as client:
+        heard = await listen(client, client.nodes.server, ua.ObjectIds.AuditActivateSessionEventType)
+        async with bench.client("operator"):
+            event = await heard.next()
+            assert (event.ClientUserId, event.Status, event.StatusCodeId.name) == ("operator", True, "Good")
+            assert (records[-1].user, records[-1].role, records[-1].good) == ("operator", "operator", True)
+            assert event.SessionId.to_string() == records[-1].session_id
+        with pytest.raises(ua.uaerrors.BadUserAccessDenied):
+            async with bench.client("observer", "not the password"):
+                pass
+        event = await heard.next()
+        assert (event.ClientUserId, event.Status, event.StatusCodeId.name) == ("observer", False, "BadUserAccessDenied")
+        assert "not the password" not in str(event)
+        assert (records[-1].user, records[-1].role, records[-1].status_name) == ("observer", "", "BadUserAccessDenied")
+    bench.server.iserver.on_sign_in = None
+
+
+async def test_a_refused_certificate_is_told_with_the_certificate(bench: Bench, tmp_path: Path):
+    async with bench.client("engineer") as client:
+        heard = await listen(client, client.nodes.server, ua.ObjectIds.AuditCertificateUntrustedEventType)
+        with pytest.raises(ua.uaerrors.BadCertificateUntrusted):
+            async with bench.client("engineer", certificate=tmp_path / "stranger"):
+                pass
+        event = await heard.next()
+        assert event.Certificate == (tmp_path / "stranger" / "client.der").read_bytes()
+    rejected = [one for one in TrustList(bench.server.security.folder).listed() if not one.trusted]
+    assert len(rejected) == 1
