@@ -7,8 +7,9 @@ import math
 import pytest
 from asyncua import ua
 
-from opcua_skill.stack.access import caller
-from tests.opcua_skill.stack.small_server import Bench
+from opcua_skill.stack.access import Role, caller
+from opcua_skill.stack.calls import MethodSpec, Refused, add_method
+from tests.opcua_skill.stack.small_server import Bench, until
 
 Codes = ua.StatusCodes
 pytestmark = pytest.mark.asyncio(loop_scope="module")
@@ -209,3 +210,55 @@ async def test_user_access_level_is_told_truly_to_each_session(bench: Bench):
             for name, may in levels.items():
                 level = await client.get_node(ua.NodeId(f"Cell/{name}", bench.index)).get_user_access_level()
                 assert (ua.AccessLevel.CurrentWrite in level) is may
+
+
+async def test_a_variable_that_commands_is_obeyed_before_it_is_written_or_refused(bench: Bench):
+    node_id, obeyed = ua.NodeId("Cell/Speed", bench.index), []
+
+    async def obey(value) -> None:
+        if value > 2.0:
+            raise Refused(Codes.BadOutOfRange, "too fast")
+        obeyed.append((caller().name, value))
+
+    bench.server.obey_writes(node_id, obey)
+    async with bench.client() as client:
+        speed = client.get_node(node_id)
+        await speed.write_value(1.25)
+        with pytest.raises(ua.uaerrors.BadOutOfRange):
+            await speed.write_value(3.0)
+        assert (obeyed, await speed.read_value()) == ([("operator", 1.25)], 1.25)
+    del bench.server.iserver.on_write[node_id]
+
+
+async def test_a_call_that_changes_something_ends_even_when_its_client_goes_away(bench: Bench):
+    entered, ended, go_on = asyncio.Event(), asyncio.Event(), asyncio.Event()
+
+    async def change() -> tuple[()]:
+        entered.set()
+        await go_on.wait()
+        ended.set()
+        return ()
+
+    spec = MethodSpec("Change", (), (), change, Role.OPERATOR.and_above, changes=True)
+    place = ua.NodeId("Cell/Change", bench.index)
+    await add_method(bench.server, bench.cell, spec, place, ua.QualifiedName("Change", bench.index))
+    client = await bench.new_client()
+    await client.connect()
+    calling = asyncio.create_task(client.get_node(bench.cell).call_method(place))
+    async with asyncio.timeout(10):
+        await entered.wait()
+        client.uaclient.protocol.transport.abort()
+        await asyncio.gather(calling, client.disconnect(), return_exceptions=True)
+        go_on.set()
+        await ended.wait()
+    await until(lambda: [record.method_name for record in bench.records] == ["Change"])
+
+
+async def test_a_call_that_takes_long_does_not_hold_up_the_next_requests_of_its_client(bench: Bench):
+    async with bench.client() as client:
+        slow = asyncio.create_task(client.get_node(bench.cell).call_method(f"{bench.index}:Slow"))
+        await asyncio.sleep(0)
+        assert await client.nodes.server_state.read_value() == 0
+        assert not slow.done()
+        with pytest.raises(ua.uaerrors.BadTimeout):
+            await slow

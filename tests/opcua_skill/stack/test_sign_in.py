@@ -14,7 +14,7 @@ from asyncua.crypto.security_policies import (
 from opcua_skill.security import TrustList, ensure_client_certificate
 from opcua_skill.stack import server as server_module
 from opcua_skill.stack.server import SkillServer, WrongAsyncua
-from tests.opcua_skill.stack.small_server import CLIENT_URI, PASSWORD, Bench, small_server, until
+from tests.opcua_skill.stack.small_server import CLIENT_URI, PASSWORD, Bench, Row, small_server, until
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
 
@@ -166,6 +166,35 @@ async def test_a_name_is_locked_for_a_while_after_failures_even_for_the_right_pa
                 pass
         async with bench.client("engineer", PASSWORD) as other:
             assert await other.nodes.server_state.read_value() == 0
+
+
+async def with_user_certificate(bench: Bench, folder: Path) -> Client:
+    client = await bench.new_client(user="")
+    await client.load_client_certificate(str(folder / "client.der"))
+    await client.load_private_key(str(folder / "client.pem"))
+    return client
+
+
+async def test_a_user_certificate_signs_its_user_in_and_no_other_does(bench: Bench, tmp_path: Path):
+    robot = ensure_client_certificate(tmp_path / "robot", "urn:robot:user")
+    ensure_client_certificate(tmp_path / "stranger", "urn:stranger:user")
+    bench.users.rows.append(Row("robot", "operator", "", robot.certificate_file.read_bytes()))
+    async with await with_user_certificate(bench, tmp_path / "robot") as client:
+        assert await client.get_node(bench.cell).call_method(f"{bench.index}:WhoAmI") == "robot/operator"
+    with pytest.raises(ua.uaerrors.BadUserAccessDenied):
+        async with await with_user_certificate(bench, tmp_path / "stranger"):
+            pass
+
+
+async def test_a_user_certificate_without_its_key_is_worth_nothing(bench: Bench, tmp_path: Path):
+    robot = ensure_client_certificate(tmp_path / "robot", "urn:robot:user")
+    bench.users.rows.append(Row("robot-2", "operator", "", robot.certificate_file.read_bytes()))
+    ensure_client_certificate(tmp_path / "stranger", "urn:stranger:user")
+    client = await with_user_certificate(bench, tmp_path / "stranger")
+    await client.load_client_certificate(str(robot.certificate_file))
+    with pytest.raises(ua.uaerrors.BadUserSignatureInvalid):
+        async with client:
+            pass
 
 
 async def test_guessing_costs_the_connection(bench: Bench):
