@@ -32,6 +32,8 @@ from opcua_skill.security import ApplicationCertificate, ensure_client_certifica
 
 TYPES = "urn:opcua-skill:types"
 INSTANCES = "urn:opcua-skill:instances"
+PROBE_EVERY = 15.0
+"""How often the connection is probed, in s, and how long a probe may take: a busy machine is no lost connection."""
 log = logging.getLogger(__name__)
 
 
@@ -65,7 +67,7 @@ class Session:
         self.user = user
         self._folder = folder or client_folder()
         self._secure = secure
-        self._client = Client(url, timeout=timeout)
+        self._client = Client(url, timeout=timeout, watchdog_intervall=PROBE_EVERY)
         self._client.session_timeout = 120_000
         self._client.name = self._client.description = "opcua-skill"
         self._client.application_uri = APPLICATION_URI

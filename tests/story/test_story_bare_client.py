@@ -68,7 +68,7 @@ def number(value: int) -> ua.Variant:
 @asynccontextmanager
 async def signed_in(plant: "Plant", user: str) -> AsyncIterator[Foreign]:
     """Connect with SignAndEncrypt, a trusted application certificate, a user name and a password."""
-    client = Client(plant.url, timeout=30)
+    client = Client(plant.url, timeout=30, watchdog_intervall=15.0)
     client.application_uri = "urn:opcua-skill:client"
     client.session_timeout = 60_000
     await client.set_security(
