@@ -3,15 +3,17 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from pathlib import Path
 
 from models.demonstration import Demonstration, Edits
 from models.errors import SkillError
 from models.learning import LearnedMotion, LearningOptions, learn
 from models.motion import Motion, Trajectory
 from opcua_skill.workers import report_progress
-from sim.arm import ArmModel
+from sim.arm import ArmModel, Trace
 from sim.arms import load
-from sim.plan import Finding, MotionOrder, MotionPlan, MotionRefused, plan_motion
+from sim.plan import Finding, MotionOrder, MotionPlan, MotionRefused, plan_home, plan_motion
+from sim.traces import to_csv, to_parquet
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +60,16 @@ def trajectory_of_plan(motion: Motion, plan: MotionPlan) -> Trajectory:
     return Trajectory(plan.times[rows] - plan.times[first], phases, points, covariances, plan.dispense[rows])
 
 
+def write_trace(trace: Trace, folder: Path, name: str, formats: tuple[str, ...]) -> None:
+    """Write what a run did into files of the given formats; each appears whole or not at all."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for kind in formats:
+        content = to_csv(trace).encode() if kind == "csv" else to_parquet(trace)
+        unfinished = folder / f".{name}.{kind}.part"
+        unfinished.write_bytes(content)
+        unfinished.replace(folder / f"{name}.{kind}")
+
+
 @lru_cache(maxsize=8)
 def _arm(name: str) -> ArmModel:
     return load(name)
@@ -69,5 +81,13 @@ def plan_skill(
     """Plan and check a motion on an arm."""
     try:
         return plan_motion(motion, order, _arm(arm), skill_digest=skill_digest, recipe_id=recipe_id)
+    except MotionRefused as refused:
+        return PlanRefused(tuple(refused.findings))
+
+
+def plan_way_home(arm: str, joints: tuple[float, ...]) -> MotionPlan | PlanRefused:
+    """Plan and check an arm's way from where it stands to where every run starts."""
+    try:
+        return plan_home(_arm(arm), joints)
     except MotionRefused as refused:
         return PlanRefused(tuple(refused.findings))

@@ -22,14 +22,16 @@ from opcua_skill.computations import (
     PlanRefused,
     learn_skill,
     plan_skill,
+    plan_way_home,
     ready,
     trajectory_as_learned,
     trajectory_of_plan,
+    write_trace,
 )
 from opcua_skill.lane import Lane, Order
 from opcua_skill.settings import Settings
 from opcua_skill.workers import WorkerDied, Workers, WorkerTimeout
-from sim.arm import Arm, ArmMode, ArmModel
+from sim.arm import Arm, ArmMode, ArmModel, Trace
 from sim.plan import Finding, MotionOrder, MotionPlan
 
 Mode = Literal["simulation", "test", "production"]
@@ -160,13 +162,21 @@ class JobEngine:
                 model=models[station.name],
                 arm=arm,
                 atomic_skills=frozenset(skills),
-                lane=Lane(f"{station.name} arm", library, lambda arm=arm: arm, self.tell, keeps_arm_open=True),
+                lane=Lane(
+                    f"{station.name} arm",
+                    library,
+                    lambda arm=arm: arm,
+                    self.tell,
+                    keeps_arm_open=True,
+                    keep_trace=self._keep_trace,
+                ),
                 simulation=Lane(
                     f"{station.name} simulation",
                     library,
                     lambda name=station.name: arm_factory(name, True),
                     self.tell,
                     keeps_arm_open=False,
+                    keep_trace=self._keep_trace,
                 ),
             )
 
@@ -401,6 +411,12 @@ class JobEngine:
             seconds=PLANNING_SECONDS,
         )
 
+    async def plan_home(self, station: Station) -> MotionPlan | PlanRefused:
+        """Plan the way from where an arm stands to where every run starts, in a worker process."""
+        joints = tuple(station.arm.state().joints)
+        what = f"planning the way home on {station.name}"
+        return await self._planners.run(what, plan_way_home, station.model.name, joints, seconds=PLANNING_SECONDS)
+
     async def trajectory(self, description: SkillDescription, time_step: float) -> Trajectory:
         """Return the path with the people's own timing, at ``time_step`` s (0: the learned one)."""
         what = f"reproducing {description.name}"
@@ -417,6 +433,14 @@ class JobEngine:
         motion = description.motion()
         what = f"reproducing {description.name}"
         return await self._planners.run(what, trajectory_of_plan, motion, planned, seconds=PLANNING_SECONDS)
+
+    async def _keep_trace(self, job_id: str, trace: Trace) -> None:
+        """Write the whole trace of a run into files: joints, valve and override too."""
+        formats = self._settings.trace_files
+        if formats:
+            folder = self._settings.data / "traces"
+            what = f"writing the trace of {job_id}"
+            await self._planners.run(what, write_trace, trace, folder, job_id, formats, seconds=PLANNING_SECONDS)
 
     def lane_of(self, job_id: str) -> Lane | None:
         """Return the lane on which a job waits or runs, or None when it does neither."""

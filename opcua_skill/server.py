@@ -14,11 +14,13 @@ from library.store import SkillLibrary
 from opcua_skill.arm_lock import ArmLock, LockedByAnother
 from opcua_skill.jobs import ArmFactory, JobEngine, Station
 from opcua_skill.methods.edits import EditMethods
+from opcua_skill.methods.homing import HomingMethods
 from opcua_skill.methods.library import LibraryMethods
 from opcua_skill.methods.refusals import Code
 from opcua_skill.methods.values import audit_value
 from opcua_skill.methods.workstation import WorkstationMethods
 from opcua_skill.nodes.edits import add_edits
+from opcua_skill.nodes.homing import add_homing
 from opcua_skill.nodes.library import add_library
 from opcua_skill.nodes.skills import SkillNodes
 from opcua_skill.nodes.tree import Tree, number, numbers, text
@@ -135,6 +137,7 @@ class SkillServerApp:
 
         methods = WorkstationMethods(self.library, self.jobs, station, lock, self.settings, self._tidings, lock_changed)
         skills = await add_workstation(self._tree, settings, station.model, methods)
+        await add_homing(self._tree, name, HomingMethods(self.jobs, station, lock))
         for description in await self.library.deployments(name):
             await skills.show(description)
         self._faces[name] = _Face(station, lock, skills)

@@ -198,6 +198,8 @@ GERMAN: dict[str, str] = {
     "Go on": "Weiter",
     "Resume": "Weiter",
     "Abort": "Abbrechen",
+    "Go to the start": "Zum Start fahren",
+    "Slowly, to where every run begins": "Langsam dorthin, wo jede Ausführung beginnt",
     "Speed override": "Geschwindigkeit",
     "waiting": "warten",
     "From above and from the side · grey dashes: planned · blue: commanded · orange: measured": (

@@ -14,6 +14,8 @@ from typing import Any
 import pytest
 from playwright.sync_api import Browser, BrowserContext, Locator, Page, sync_playwright
 
+from opcua_skill.client import Unreachable
+
 PASSWORD = "correct horse battery"
 CHROMIUM = "/usr/bin/chromium"
 FLAGS = (
@@ -36,10 +38,18 @@ PICTURES = os.environ.get("OPCUA_SKILL_PICTURES", "")
 Work = Callable[[], Coroutine[Any, Any, Any]]
 
 
-def away_from_the_browser(work: Work) -> Any:
-    """Run a client's coroutine in a thread of its own: playwright has a loop in this one."""
+def away_from_the_browser(work: Work, tries: int = 3) -> Any:
+    """Run a client's coroutine in a thread of its own: playwright has a loop in this one.
+
+    The client gives a connection up when the server is silent for a second, which a loaded machine is now and then.
+    """
     with ThreadPoolExecutor(1) as thread:
-        return thread.submit(asyncio.run, work()).result()
+        try:
+            return thread.submit(lambda: asyncio.run(work())).result()
+        except Unreachable:
+            if tries == 1:
+                raise
+    return away_from_the_browser(work, tries - 1)
 
 
 @dataclass

@@ -90,6 +90,13 @@ def test_three_strokes_are_learned_approved_by_another_and_run(
     operator.picture("records", tmp_path)
 
 
+def go_to_the_start(screen: Screen) -> None:
+    """Bring the arm back to where every run starts."""
+    screen.page.locator("[data-mark='home']:not([disabled])").click()
+    arm_says(screen, "moving")
+    arm_says(screen, "at rest")
+
+
 def stop_and_reset(screen: Screen, *, by_key: bool = False) -> None:
     """Press Stop motion as a person does (nothing may lie over it), see the arm halted, and reset it."""
     if by_key:
@@ -115,10 +122,12 @@ def test_stop_motion_is_in_reach_in_every_state(plant: Any, screens: Screens, dr
     screen.button("Run").click()
     screen.page.locator("[data-mark='refusal']", has_text="✕").wait_for()
     stop_and_reset(screen)
+    go_to_the_start(screen)
 
     screen.button("Run").click()
     arm_says(screen, "moving")
     stop_and_reset(screen, by_key=True)
+    go_to_the_start(screen)
 
     screen.button("Run").click()
     arm_says(screen, "moving")

@@ -96,6 +96,10 @@ class RunPage:
             self.resume.props("no-caps outline dense").props('data-mark="resume"')
             self.abort = ui.button(words("Abort"), icon="stop", on_click=lambda: self.steer("abort"))
             self.abort.props("no-caps outline dense color=negative").props('data-mark="abort"')
+            self.home = ui.button(words("Go to the start"), icon="home", on_click=self.go_home)
+            self.home.props('no-caps outline dense data-mark="home"').tooltip(
+                words("Slowly, to where every run begins")
+            )
         self.override_told = ui.label().classes("small").props('data-mark="override-told"')
         self.override = ui.slider(min=5, max=100, step=5, value=100).props(
             f'label snap aria-label="{words("Speed override")}"'
@@ -194,6 +198,14 @@ class RunPage:
         await self.frame.asked(self.words(what.capitalize()), lambda: ask(job.job_id))
         self.session.look_again()
 
+    async def go_home(self) -> None:
+        """Have the arm go to where every run starts: needed after a stop on the path."""
+        workstation = self.session.client.workstation(self.session.station_name)
+        comment = f"{self.session.user} at the panel"
+        if await self.frame.asked(self.words("Go to the start"), lambda: workstation.go_home(comment)):
+            self.refusal.text = ""
+            self.session.look_again()
+
     async def set_override(self) -> None:
         """Ask for another speed."""
         fraction = float(self.override.value or 100.0) / 100.0
@@ -226,6 +238,7 @@ class RunPage:
             told = f"{job.skill_name} {words('version')} {job.skill_version} · {words(job.mode)} · {job.recipe_id}"
             self.job_told.text = f"{told} · {percent(job.progress)}{rest}"
             self.progress.value = job.progress
+        self.home.set_enabled(session.may("run") and job is None and arm is not None and arm.mode == "idle")
         self.pause.set_enabled(job is not None and job.state == "Running")
         self.resume.set_enabled(job is not None and job.state == "Paused")
         self.abort.set_enabled(job is not None and job.state != "Stopping")

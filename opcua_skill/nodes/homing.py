@@ -1,0 +1,13 @@
+"""`Machines/<Workstation>/Arm/GoHome`."""
+
+from opcua_skill.methods.homing import HomingMethods
+from opcua_skill.nodes.library import COMMENT, OPERATORS, method
+from opcua_skill.nodes.tree import Tree
+from opcua_skill.stack.calls import add_method
+
+
+async def add_homing(tree: Tree, workstation: str, methods: HomingMethods) -> None:
+    """Add the method to the arm of a workstation."""
+    arm = f"Machines/{workstation}/Arm"
+    spec = method("GoHome", methods.go_home, OPERATORS, (COMMENT,), ())
+    await add_method(tree.server, tree.id(arm), spec, tree.id(f"{arm}/{spec.name}"), tree.name(spec.name))

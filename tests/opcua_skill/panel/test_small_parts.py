@@ -1,0 +1,144 @@
+"""Strokes, uploads, addresses and who is signed in: small rules that keep people and machines safe."""
+
+import ast
+import asyncio
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from library.errors import ReaderError
+from opcua_skill import panel
+from opcua_skill.client import Path as LearnedPath
+from opcua_skill.client import Recipe
+from opcua_skill.panel.app import Address
+from opcua_skill.panel.frame import may_move, stopped
+from opcua_skill.panel.pages.recipes import FIELDS
+from opcua_skill.panel.player import in_base
+from opcua_skill.panel.session import PanelSession, Station
+from opcua_skill.panel.sessions import Sessions
+from opcua_skill.panel.shown import mm, percent, state_tag
+from opcua_skill.panel.strokes import NotADemonstration, drawn, free_name
+from opcua_skill.panel.uploads import read_upload
+from opcua_skill.panel.words import Words
+
+FORBIDDEN = ("sim", "opcua_skill.server", "opcua_skill.jobs", "opcua_skill.methods", "opcua_skill.nodes")
+ONLY_READERS = ("library.errors", "library.readers")
+
+
+def test_the_panel_is_a_client_like_any_other() -> None:
+    for file in Path(panel.__file__).parent.rglob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            names = [one.name for one in node.names] if isinstance(node, ast.Import) else []
+            names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            for name in names:
+                assert not name.startswith((*FORBIDDEN, "opcua_skill.stack", "asyncua", "sqlalchemy")), (file, name)
+                assert not name.startswith("library") or name.startswith(ONLY_READERS), (file, name)
+
+
+def test_no_page_has_a_dialog() -> None:
+    for file in Path(panel.__file__).parent.rglob("*.py"):
+        source = file.read_text(encoding="utf-8")
+        assert "ui.dialog" not in source, file
+        assert source.count("ui.select(") == (1 if file.name == "frame.py" else 0), f"{file}: use choose()"
+
+
+def test_a_stroke_is_a_demonstration_in_metres_and_seconds() -> None:
+    t = np.linspace(3.0, 5.0, 50)
+    one = drawn("stroke-01", "tina", t.tolist(), (20 + 10 * t).tolist(), [40.0] * 50)
+    assert one.times[0] == 0.0
+    assert one.times[-1] == pytest.approx(2.0)
+    assert one.points[0] == pytest.approx([0.05, 0.04])
+    assert (one.operator, one.dimension) == ("tina", 2)
+
+
+@pytest.mark.parametrize(
+    ("t", "x", "why"),
+    [
+        ([0.0, 0.1, 0.2], [0.0, 10.0, 20.0], "too few points"),
+        (np.linspace(0, 1, 20).tolist(), [5.0] * 20, "shorter than 5 mm"),
+        ([0.0] * 20, np.linspace(0, 50, 20).tolist(), "do not rise"),
+        (np.linspace(0, 1, 20).tolist(), [float("nan")] * 20, "broken"),
+    ],
+)
+def test_a_stroke_that_is_none_is_refused_with_what_to_do(t: list[float], x: list[float], why: str) -> None:
+    with pytest.raises(NotADemonstration, match=why):
+        drawn("s", "tina", t, x, [0.0] * len(t))
+
+
+def test_names_are_free() -> None:
+    assert free_name(["stroke-01", "stroke-03"]) == "stroke-02"
+
+
+@pytest.mark.parametrize("name", ["../../etc/passwd.csv", "..\\..\\boot.csv", "/a/b/c.csv", "", "x" * 5000 + ".csv"])
+def test_the_name_of_an_upload_is_never_a_path(name: str) -> None:
+    with pytest.raises(ReaderError) as told:
+        read_upload(name, b"no table at all")
+    assert "etc/" not in str(told.value)
+
+
+def test_an_uploaded_table_is_read() -> None:
+    rows = "\n".join(f"{k / 100},{k},{2 * k}" for k in range(50))
+    [one] = read_upload("by hand.csv", f"t,x_mm,y_mm\n{rows}\n".encode())
+    assert one.points[-1] == pytest.approx([0.049, 0.098])
+
+
+def test_another_host_needs_tls() -> None:
+    assert Address().url == "http://127.0.0.1:8080"
+    with pytest.raises(ValueError, match="TLS"):
+        Address(host="0.0.0.0")
+    assert Address(host="panel.plant", certificate=Path("c"), key=Path("k")).url == "https://panel.plant:8080"
+    assert "*" not in Address().names
+
+
+def test_an_unknown_arm_counts_as_moving() -> None:
+    assert may_move(Station("ws1"))
+    assert not stopped(Station("ws1"))
+
+
+def test_a_panel_without_connection_says_that_stop_did_not_reach() -> None:
+    session = PanelSession("opc.tcp://127.0.0.1:1", "tina", "secret", why_not="gone")
+    outcome = asyncio.run(session.stop_motion("ws1", "test"))
+    assert (outcome.taken, outcome.reason) == (False, "gone")
+    assert "secret" not in repr(session)
+
+
+async def test_a_session_ends_some_time_after_its_last_page(monkeypatch: pytest.MonkeyPatch) -> None:
+    closed = asyncio.Event()
+
+    async def opened(self: PanelSession) -> None:
+        self.on_close(closed.set)
+
+    monkeypatch.setattr(PanelSession, "open", opened)
+    sessions = Sessions("opc.tcp://127.0.0.1:1", grace=0.01)
+    await sessions.sign_in("browser", "tina", "secret", "en")
+    sessions.page_opened("browser")
+    sessions.page_opened("browser")
+    sessions.page_closed("browser")
+    assert sessions.of("browser") is not None
+    sessions.page_closed("browser")
+    async with asyncio.timeout(5):
+        await closed.wait()
+    assert sessions.of("browser") is None
+
+
+def test_every_number_of_a_recipe_is_shown_with_unit_and_range() -> None:
+    recipe = Recipe("r", "s", time_step=0.008, speed=0.05, dispense_lead=-0.02)
+    shown = {field.name: field.shown(recipe) for field in FIELDS}
+    assert (shown["time_step"], shown["speed"], shown["dispense_lead"]) == (8.0, 50.0, -20.0)
+    step = FIELDS[0]
+    assert step.fault(8) == ""
+    assert step.fault(None) == step.fault(0.1) == "0.5 … 100 ms"
+
+
+def test_a_part_turned_by_a_quarter_turns_the_path() -> None:
+    half = float(np.sqrt(0.5))
+    recipe = Recipe("r", "s", frame=(0.4, 0.1, 0.2, 0.0, 0.0, half, half), standoff=0.005)
+    path = LearnedPath(np.array([0.0]), np.array([[0.03, 0.01]]), np.zeros((1, 2, 2)), np.ones(1, dtype=bool))
+    assert in_base(path, recipe)[0] == pytest.approx([0.39, 0.13, 0.205])
+
+
+def test_states_are_said_with_a_sign_and_escaped() -> None:
+    assert "✓ Freigegeben" in state_tag(Words("de"), "Approved")
+    assert "<b>" not in state_tag(Words("en"), "<b>x</b>")
+    assert (mm(float("nan")), mm(0.0012), percent(0.5)) == ("–", "1.20 mm", "50 %")
