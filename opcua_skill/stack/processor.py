@@ -1,30 +1,26 @@
-"""One connection's requests: its channel, the session it speaks for, who signs in, and exact answers to the rest."""
+"""One connection's chunks and requests: its secure channel, one request after another, and exact answers."""
 
 import asyncio
 import logging
 import secrets
 import time
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from asyncua import ua
 from asyncua.common.utils import Buffer, ServiceError
 from asyncua.server.internal_session import SessionState
-from asyncua.server.uaprocessor import PublishRequestData, UaProcessor
+from asyncua.server.uaprocessor import PublishRequestData
 from asyncua.ua.object_ids import ObjectIds as Ids
 from asyncua.ua.status_codes import StatusCodes as Codes
 from asyncua.ua.ua_binary import nodeid_from_binary, struct_to_binary, uatcp_to_binary
 from asyncua.ua.uaerrors import UaStatusCodeError
 from cryptography.exceptions import InvalidSignature
 
-from opcua_skill.stack.access import Peer
 from opcua_skill.stack.decoding import MALFORMED, decode
 from opcua_skill.stack.services import SERVICES
-from opcua_skill.stack.sessions import Channel, Session, current_channel
-from opcua_skill.stack.sign_in import prove_identity
+from opcua_skill.stack.session_services import SessionServices
+from opcua_skill.stack.sessions import Session
 from opcua_skill.stack.values import status, status_name
-
-if TYPE_CHECKING:
-    from opcua_skill.stack.internal import SkillInternalServer
 
 log = logging.getLogger(__name__)
 
@@ -38,19 +34,13 @@ _CALL = Ids.CallRequest_Encoding_DefaultBinary
 _PUBLISH = Ids.PublishRequest_Encoding_DefaultBinary
 
 
-class Processor(UaProcessor):
+class Processor(SessionServices):
     """Handles the requests of one connection, one after another but for calls that take long."""
-
-    iserver: "SkillInternalServer"  # pyright: ignore[reportIncompatibleVariableOverride]
-    session: Session | None  # pyright: ignore[reportIncompatibleVariableOverride]
 
     def __init__(self, internal_server: Any, transport: Any, limits: Any) -> None:
         super().__init__(internal_server, transport, limits)
-        self.sessions_tried = 0
-        self.failed_sign_ins = 0
         self.spent = 0.0
         self._calls: set[asyncio.Task[int | None]] = set()
-        self._channel: Channel | None = None
         self._channel_until = float("inf")
         self._largest_response = 0
         self._most_response_chunks = 0
@@ -64,15 +54,6 @@ class Processor(UaProcessor):
     def unfinished_bytes(self) -> int:
         """Return the size of a message of which not all chunks have come."""
         return self._connection._incoming_size
-
-    @property
-    def channel(self) -> Channel:
-        """Return the security of this connection's channel and who is at the other end."""
-        if self._channel is None:
-            policy = self._connection.security_policy
-            address = str(self.name[0]) if self.name else "?"
-            self._channel = Channel(policy.URI, policy.Mode, Peer(address, bytes(policy.peer_certificate or b"")))
-        return self._channel
 
     def channel_expired(self, now: float) -> bool:
         """Return whether the client has let its channel's key grow too old."""
@@ -268,114 +249,6 @@ class Processor(UaProcessor):
         wanted = decode(ua.GetEndpointsParameters, body)
         response.Endpoints = await self.iserver.get_endpoints(wanted, sockname=self.sockname)
         self.send_response(header.RequestHandle, seqhdr, response)
-
-    async def _create_session(self, header: Any, seqhdr: Any, body: Buffer) -> None:
-        """Make a session, one at a time per connection; a client may try again after a refused sign-in."""
-        if self.session is not None and self.session.is_activated():
-            raise ServiceError(Codes.BadTooManySessions)
-        self.sessions_tried += 1
-        if self.sessions_tried > self.iserver.limits.sessions_tried_per_connection:
-            raise ServiceError(Codes.BadTooManySessions)
-        params = decode(ua.CreateSessionParameters, body)
-        await self._drop_session()
-        await self.iserver.make_room_for_session()
-        current_channel.set(self.channel)
-        session = self.iserver.create_session(str(self.name), external=True)
-        self.session, session.processor = session, self
-        try:
-            result = await session.create_session(params, sockname=self.sockname)
-            policy = self._connection.security_policy
-            result.ServerCertificate = policy.host_certificate
-            proof = (policy.peer_certificate or b"") + (params.ClientNonce or b"")
-            result.ServerSignature.Signature = policy.asymmetric_cryptography.signature(proof)
-            result.ServerSignature.Algorithm = policy.AsymmetricSignatureURI
-        except BaseException:
-            await self._drop_session()
-            raise
-        response = ua.CreateSessionResponse()
-        response.Parameters = result
-        self.send_response(header.RequestHandle, seqhdr, response)
-
-    async def _close_session(self, header: Any, seqhdr: Any, body: Buffer) -> None:
-        session = self.session
-        if session is None or header.AuthenticationToken != session.auth_token:
-            raise ServiceError(Codes.BadSessionIdInvalid)
-        await self._drop_session()
-        self.send_response(header.RequestHandle, seqhdr, ua.CloseSessionResponse())
-
-    async def _drop_session(self) -> None:
-        session, self.session = self.session, None
-        if session is not None:
-            await session.close_session(True)
-
-    async def _activate_session(self, header: Any, seqhdr: Any, body: Buffer) -> None:
-        """Sign a user in. A session that comes back on a new channel is attached only after all is proven."""
-        params = decode(ua.ActivateSessionParameters, body)
-        channel = self.channel
-        session = self._session_to_activate(header.AuthenticationToken, channel)
-        policy = self._connection.security_policy
-        nonce = session.nonce or b""
-        try:
-            own = policy.host_certificate or b""
-            policy.asymmetric_cryptography.verify(own + nonce, params.ClientSignature.Signature or b"")
-            identity = await prove_identity(
-                self.iserver.sign_in,
-                channel,
-                params,
-                nonce=nonce,
-                certificate=self.iserver.certificate,
-                private_key=self.iserver.private_key,
-                anonymous=self.iserver.anonymous,
-            )
-            if session.is_activated() and session.identity != identity:
-                raise ServiceError(Codes.BadIdentityChangeNotSupported)
-            if session.state is SessionState.Closed or session.nonce != nonce:
-                raise ServiceError(Codes.BadSessionIdInvalid)
-        except (ServiceError, InvalidSignature) as error:
-            code = error.code if isinstance(error, ServiceError) else Codes.BadApplicationSignatureInvalid
-            await self.iserver.told_sign_in(session, params, code)
-            await self._failed_sign_in()
-            raise
-        result = session.activate(identity, params)
-        if session.processor is not self:
-            self._take_over(session)
-        log.info("%s (%s) signed in from %s", identity.name or "anonymous", identity.role, channel.peer)
-        response = ua.ActivateSessionResponse()
-        response.Parameters = result
-        self.send_response(header.RequestHandle, seqhdr, response)
-        await self.iserver.told_sign_in(session, params, Codes.Good)
-
-    def _session_to_activate(self, token: ua.NodeId, channel: Channel) -> Session:
-        """Return the session a token names, if this channel may speak for it."""
-        session = self.session
-        if session is None:
-            found = self.iserver.lookup_external_session(token)
-            session = found if isinstance(found, Session) else None
-        if session is None or session.auth_token != token or session.state is SessionState.Closed:
-            raise ServiceError(Codes.BadSessionIdInvalid)
-        if session.channel is None or not session.channel.same_client(channel):
-            raise ServiceError(Codes.BadSecurityChecksFailed)
-        if session.processor is not self and not (session.is_activated() and session.identity.name):
-            raise ServiceError(Codes.BadSessionIdInvalid)  # there is no user yet who could be proven the same
-        return session
-
-    def _take_over(self, session: Session) -> None:
-        """Move a session of the same client and user from its old connection to this one."""
-        old, session.processor = session.processor, self
-        self.session = session  # pyright: ignore[reportIncompatibleVariableOverride]
-        self.iserver.subscription_service.rebind(
-            session.session_id, self.forward_publish_response, self.get_publish_request
-        )
-        if old is not None:
-            old.session = None
-            old._transport.close()
-
-    async def _failed_sign_in(self) -> None:
-        self.failed_sign_ins += 1
-        limits = self.iserver.limits
-        await asyncio.sleep(limits.failed_sign_in_delay * self.failed_sign_ins)
-        if self.failed_sign_ins >= limits.failed_sign_ins_per_connection:
-            asyncio.get_running_loop().call_later(0.05, self._transport.close)
 
     async def _close_channel(self, header: Any, seqhdr: Any, body: Buffer) -> int:
         self._connection.close()

@@ -24,7 +24,7 @@ from opcua_skill.stack.values import node_id, status
 
 if TYPE_CHECKING:
     from opcua_skill.stack.internal import SkillInternalServer
-    from opcua_skill.stack.processor import Processor
+    from opcua_skill.stack.session_services import SessionServices
 
 log = logging.getLogger(__name__)
 _SERVER_ITSELF = Caller(name="server", role=Role.ADMIN, session_id="internal", peer="")
@@ -54,7 +54,7 @@ class Session(InternalSession):
 
     def __init__(self, internal_server: Any, aspace: Any, submgr: Any, name: str, user: User, external: bool) -> None:
         super().__init__(internal_server, aspace, submgr, name, user=user, external=external)
-        self.processor: Processor | None = None
+        self.processor: SessionServices | None = None
         self.channel: Channel | None = None
         self.caller = _SERVER_ITSELF
         self._browser = Browser(aspace, self.iserver.limits)
