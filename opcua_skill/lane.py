@@ -49,12 +49,15 @@ class Lane:
         tell: Callable[[JobReport], Awaitable[None]],
         *,
         keeps_arm_open: bool,
+        keep_trace: Callable[[str, Trace], Awaitable[None]],
     ) -> None:
         self._name = name
         self._library = library
         self._arm_of = arm_of
         self._tell = tell
         self._keeps_arm_open = keeps_arm_open
+        self._keep_trace = keep_trace
+        self._keeping: set[asyncio.Task[None]] = set()
         self._orders: OrderedDict[str, Order] = OrderedDict()
         self._reserved = 0
         self._arrived = asyncio.Event()
@@ -99,7 +102,7 @@ class Lane:
         if self._task is None:
             return
         self._task.cancel()
-        await asyncio.gather(self._task, return_exceptions=True)
+        await asyncio.gather(self._task, *self._keeping, return_exceptions=True)
         self._task = None
 
     async def _serve(self) -> None:
@@ -163,6 +166,9 @@ class Lane:
                     if trace is not None:
                         stored = JobTrace(trace.times, trace.tool_commanded, trace.tool_measured, TRACE_COLUMNS)
                         await self._library.save_trace(job_id, stored)
+                        task = _background(self._keep_trace(job_id, trace))
+                        self._keeping.add(task)
+                        task.add_done_callback(self._keeping.discard)
                     if state is JobState.ABORTED and report.state in {JobState.RUNNING, JobState.PAUSED}:
                         await self._move(job_id, JobState.STOPPING)
                     await self._move(
@@ -251,7 +257,7 @@ class Lane:
 _tasks: set[asyncio.Task[None]] = set()
 
 
-def _background(work: Awaitable[None]) -> None:
+def _background(work: Awaitable[None]) -> asyncio.Task[None]:
     """Let something run beside its caller; what goes wrong in it is logged."""
 
     async def guarded() -> None:
@@ -263,3 +269,4 @@ def _background(work: Awaitable[None]) -> None:
     task = asyncio.create_task(guarded())
     _tasks.add(task)
     task.add_done_callback(_tasks.discard)
+    return task

@@ -38,6 +38,19 @@ DISPENSER = Equipment(
 )
 
 
+class Imperfection(Section):
+    """A simulated arm made worse on purpose, to try out the watch over tolerances; its traces are labelled so."""
+
+    lag: float = Field(default=0.0, ge=0.0, le=1.0, description="delay of a simulated arm, s")
+    backlash: float = Field(default=0.0, ge=0.0, le=0.1, description="backlash of a simulated arm's joints, rad")
+    noise: float = Field(default=0.0, ge=0.0, le=0.1, description="noise of a simulated arm's encoders, rad")
+
+    @property
+    def sizes(self) -> tuple[float, float, float]:
+        """All numbers; an arm with none above 0 is a good one."""
+        return (self.lag, self.backlash, self.noise)
+
+
 class Workstation(Section):
     """One workstation: an arm and its process equipment."""
 
@@ -47,6 +60,7 @@ class Workstation(Section):
         default="pybullet", description="what moves: PyBullet, or kinematics alone"
     )
     realtime: bool = Field(default=True, description="pace a simulated arm like a real one; false: as fast as possible")
+    imperfection: Imperfection = Field(default=Imperfection(), description="of a simulated arm")
     equipment: tuple[Equipment, ...] = Field(default=(DISPENSER,), description="process equipment")
     manufacturer: str = Field(default="", description="of the workstation, for its identification")
     model: str = Field(default="", description="of the workstation, for its identification")
@@ -97,6 +111,9 @@ class Settings(BaseSettings):
     )
     four_eyes: bool = Field(default=True, description="who taught a version cannot approve it")
     log_level: Literal["debug", "info", "warning", "error"] = Field(default="info", description="how much is logged")
+    trace_files: tuple[Literal["csv", "parquet"], ...] = Field(
+        default=("csv", "parquet"), description="files written into the data folder's traces/ for every run"
+    )
     workstations: tuple[Workstation, ...] = Field(
         default=(Workstation(),), min_length=1, description="the workstations served"
     )

@@ -4,6 +4,8 @@ import csv
 import io
 
 import numpy as np
+import pyarrow
+from pyarrow import parquet
 
 from sim.arm import Trace
 
@@ -18,6 +20,15 @@ def columns(trace: Trace) -> dict[str, np.ndarray]:
         table[f"nozzle_{axis}_commanded_m"] = trace.tool_commanded[:, k]
         table[f"nozzle_{axis}_measured_m"] = trace.tool_measured[:, k]
     return table | {"valve_open": trace.dispense.astype(int), "override": trace.override}
+
+
+def to_parquet(trace: Trace) -> bytes:
+    """Return the trace as a Parquet file: the columns of the CSV, with source and events in the file's metadata."""
+    table = pyarrow.table(columns(trace))
+    events = "\n".join(f"{at:.3f} s: {text}" for at, text in trace.events)
+    out = io.BytesIO()
+    parquet.write_table(table.replace_schema_metadata({"source": trace.source, "events": events}), out)
+    return out.getvalue()
 
 
 def to_csv(trace: Trace) -> str:

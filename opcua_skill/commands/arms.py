@@ -4,6 +4,7 @@ from opcua_skill.commands.faults import Fault
 from opcua_skill.settings import Settings
 from sim.arm import Arm
 from sim.arms import load, names
+from sim.imperfection import Imperfection
 
 
 class Arms:
@@ -25,7 +26,8 @@ class Arms:
         if station.driver == "pybullet":
             from sim.pybullet_arm import PyBulletArm
 
-            return PyBulletArm(model, realtime=realtime)
+            worse = Imperfection(**station.imperfection.model_dump()) if any(station.imperfection.sizes) else None
+            return PyBulletArm(model, realtime=realtime, imperfection=None if simulation else worse)
         from sim.kinematic_arm import KinematicArm
 
         return KinematicArm(model, realtime=realtime)

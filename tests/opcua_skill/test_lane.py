@@ -13,7 +13,7 @@ from library.description import Failure, JobReport, JobState
 from library.errors import NotAllowedInState
 from library.store import SkillLibrary
 from opcua_skill.lane import Lane, Order
-from sim.arm import ArmFault, StartRefused
+from sim.arm import ArmFault, StartRefused, Trace
 from sim.plan import MotionPlan
 
 LIMIT = 10.0
@@ -28,6 +28,10 @@ class Bench:
     arm: ScriptedArm
     told: list[tuple[JobState, JobState]] = field(default_factory=list)
     lane: Any = None
+    kept: dict[str, Trace] = field(default_factory=dict)
+
+    async def keep(self, job_id: str, trace: Trace) -> None:
+        self.kept[job_id] = trace
 
     async def tell(self, report: JobReport) -> None:
         self.told.append((report.state, (await self.library.job(report.job_id)).state))
@@ -48,7 +52,7 @@ class Bench:
 async def bench(tmp_path: Path) -> AsyncIterator[Bench]:
     library = await SkillLibrary.open(tmp_path / "skills.db")
     made = Bench(library, ScriptedArm())
-    made.lane = Lane("test", library, lambda: made.arm, made.tell, keeps_arm_open=True)
+    made.lane = Lane("test", library, lambda: made.arm, made.tell, keeps_arm_open=True, keep_trace=made.keep)
     made.lane.start()
     yield made
     made.arm.finish.set()
@@ -67,6 +71,8 @@ async def test_a_run_completes_with_its_trace_and_tracking_error(bench: Bench) -
     assert report.start_time is not None
     assert report.end_time is not None
     assert (await bench.library.trace("one")).measured.shape == (3, 3)
+    await bench.lane.stop()
+    assert bench.kept["one"].joints_measured.shape == (3, 7)
 
 
 async def test_what_is_told_was_written_before(bench: Bench) -> None:
@@ -180,7 +186,7 @@ async def test_a_fresh_arm_is_opened_and_closed_for_every_job(tmp_path: Path) ->
     library = await SkillLibrary.open(tmp_path / "skills.db")
     made = Bench(library, ScriptedArm())
     made.arm.finish.set()
-    made.lane = Lane("test", library, lambda: made.arm, made.tell, keeps_arm_open=False)
+    made.lane = Lane("test", library, lambda: made.arm, made.tell, keeps_arm_open=False, keep_trace=made.keep)
     made.lane.start()
     for name in ("one", "two"):
         await made.queue(name)
