@@ -15,6 +15,7 @@ import pytest
 from playwright.sync_api import Browser, BrowserContext, Locator, Page, sync_playwright
 
 from opcua_skill.client import Unreachable
+from tests.conftest import SETTINGS, Plant
 
 PASSWORD = "correct horse battery"
 CHROMIUM = "/usr/bin/chromium"
@@ -150,15 +151,21 @@ def browser() -> Iterator[Browser]:
         opened.close()
 
 
-@pytest.fixture(scope="module")
-def plant(make_plant: Any) -> Any:
-    """A server whose kinematic arm takes as long as a real one."""
-    with ThreadPoolExecutor(1) as thread:  # it runs a loop of its own for a moment, and playwright has one here
-        return thread.submit(make_plant, realtime=True).result()
+@pytest.fixture(scope="session")
+def plant(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Plant]:
+    """A server whose kinematic arm takes as long as a real one; one for all these tests, its start is the slow part."""
+    made = Plant(tmp_path_factory.mktemp("plant"), SETTINGS.format(driver="kinematic", realtime="true"))
+    with ThreadPoolExecutor(1) as thread:  # setting up runs a loop for a moment, and playwright has one here
+        thread.submit(made.set_up).result()
+    try:
+        made.start()
+        yield made
+    finally:
+        made.stop()
 
 
-@pytest.fixture(scope="module")
-def panel(plant: Any) -> Iterator[str]:
+@pytest.fixture(scope="session")
+def panel(plant: Plant) -> Iterator[str]:
     """Return the address of a panel for the plant, in a process of its own."""
     port = plant.port + 1 if plant.port < 60000 else plant.port - 1
     environment = {key: value for key, value in os.environ.items() if not key.startswith(("PYTEST", "NICEGUI"))}

@@ -149,7 +149,9 @@ def test_german_and_an_observer_who_may_only_look(plant: Any, screens: Screens, 
     screen = screens.sign_in("visitor", f"/skill/{drawn}", locale="de-DE")
     screen.chart()
     screen.says("Vorführungen")
-    assert screen.button("Freigeben").is_disabled()
+    screen.page.locator("[data-mark='deployed']", has_text="Läuft auf: ws1").wait_for()
+    assert screen.button("Bereitstellen").count() == 0
+    assert not screen.button("Neu lernen").is_visible()
     assert screen.page.locator("html").get_attribute("lang") == "de"
     screen.picture("german", tmp_path)
     screen.page.locator(".stop-motion").click()
