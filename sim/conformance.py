@@ -149,6 +149,7 @@ class ArmConformance:
             await arm.resume()
             trace = await asyncio.wait_for(run, self.patience)
             assert left_path(trace, line_plan(arm.model)) <= self.off_path
+            assert (np.diff(trace.path_times) >= 0.0).all(), "the arm went back on its path"
             assert trace.tracking_error()[1] <= self.tracking
             assert arm.state().at_rest
 

@@ -56,7 +56,7 @@ class Execution:
         self._tool_speed = np.sqrt((np.gradient(plan.tool, step, axis=0) ** 2).sum(axis=1))
         self._limits = np.array(model.limits.acceleration)
         self._tool_limit = model.path_limits.acceleration
-        self._mark = (0.0, 0.0, 0)
+        self._mark = (0.0, 0)
         self._ramp: tuple[float, float, float, float] | None = None
 
     def tick(self) -> Floats:
@@ -64,11 +64,11 @@ class Execution:
         self.clock += self.dt
         if self._ramp is not None:
             self._follow_ramp()
+            self._mark = (self.path_time, 0)
         elif self.phase is not Phase.PAUSED:
-            base, rate, ticks = self._mark
-            if rate != self.rate:
-                base, ticks = self.path_time, 0
-            self._mark = (base, self.rate, ticks + 1)
+            # Counted from the last change of rate, not added up: the n-th tick is at n times the tick, to the last bit.
+            base, ticks = self._mark
+            self._mark = (base, ticks + 1)
             self.path_time = base + (ticks + 1) * self.dt * self.rate
         if self.path_time >= self.plan.duration - 1e-9:
             self.path_time = self.plan.duration
