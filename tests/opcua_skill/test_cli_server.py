@@ -1,0 +1,133 @@
+"""The command line against a real server: from files to a trace, with exit status and JSON at every step."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from library.readers.plain_csv import write
+from models.people import simulated_people
+from opcua_skill.cli import status_of
+
+if TYPE_CHECKING:
+    from tests.conftest import Plant
+
+Run = Callable[..., Any]
+
+
+@pytest.fixture
+def as_user(plant: "Plant", monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
+    """Return a function that runs a command with --json as a user and returns what it printed."""
+    monkeypatch.setenv("OPCUA_SKILL_CLIENT_DIR", str(plant.client_folder))
+    monkeypatch.setenv("OPCUA_SKILL_SERVER", plant.url)
+    monkeypatch.setenv("OPCUA_SKILL_PASSWORD", plant.password)
+
+    def run(user: str, *words: str, status: int = 0) -> Any:
+        capsys.readouterr()
+        ended = status_of([*words, "--user", user, "--json"])
+        told = capsys.readouterr()
+        assert ended == status, told.err
+        return json.loads(told.out.splitlines()[-1]) if status == 0 else " ".join(told.err.split())
+
+    return run
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    folder = tmp_path_factory.mktemp("people")
+    for one in simulated_people(5)[0]:
+        write(folder / f"{one.demonstration_id}.csv", one)
+    return [str(file) for file in sorted(folder.glob("*.csv"))]
+
+
+def test_the_whole_story_from_the_command_line(as_user: Run, files: list[str], tmp_path: Path) -> None:
+    learned = as_user("teacher", "learn", "plate", *files, "--type", "Gluing", "--option", "seed=7")
+    assert (learned["name"], learned["version"], learned["state"]) == ("plate", 1, "Learned")
+    assert len(learned["results"]) == len(files)
+    again = as_user("teacher", "learn", "plate", *files, "--option", "components=6")
+    assert (again["version"], again["semantic_type"]) == (2, "Gluing")
+    assert [skill["name"] for skill in as_user("visitor", "skills", "list", "--state", "Learned")] == ["plate"]
+    digest = as_user("visitor", "skills", "show", "plate", "--version", "1")["modelDigest"]
+
+    refusal = as_user("teacher", "skills", "approve", "plate", "--version", "1", status=1)
+    assert "BadUserAccessDenied" in refusal
+    wrong = "00" * 32
+    assert "ModelDigest" in as_user(
+        "engineer", "skills", "approve", "plate", "--version", "1", "--digest", wrong, status=1
+    )
+    approved = as_user("engineer", "skills", "approve", "plate", "--version", "1", "--digest", digest)
+    assert approved["state"] == "Approved"
+    as_user("engineer", "skills", "reject", "plate", "--version", "2", "--comment", "too many components")
+    as_user("engineer", "skills", "deploy", "plate", "--version", "1", "--on", "ws1")
+
+    [default] = as_user("mes", "recipes", "list", "--skill", "plate")
+    fine = tmp_path / "fine.toml"
+    fine.write_text(f'recipe_id = "fine"\nskill_name = "plate"\ntime_step = 0.004\nframe = {default["frame"]}\n')
+    as_user("engineer", "recipes", "put", str(fine))
+    assert as_user("mes", "recipes", "show", "fine")["time_step"] == 0.004
+
+    report = as_user("mes", "run", "plate", "--recipe", "fine", "--on", "ws1", "--follow")
+    assert (report["state"], report["mode"]) == ("Completed", "production")
+    assert as_user("visitor", "jobs", "show", report["job_id"])["samples"] == report["samples"]
+    assert report["job_id"] in [job["job_id"] for job in as_user("visitor", "jobs", "list", "--on", "ws1")]
+    assert as_user("visitor", "jobs", "show", learned["job_id"])["kind"] == "Learning"
+    trace = tmp_path / "trace.csv"
+    as_user("visitor", "jobs", "trace", report["job_id"], "-o", str(trace))
+    rows = np.loadtxt(trace, delimiter=",", skiprows=1)
+    assert rows.shape[1] == 7
+    assert np.all(np.diff(rows[:, 0]) > 0)
+    assert "BadInvalidState" in as_user("mes", "jobs", "abort", report["job_id"], status=1)
+
+    exported = tmp_path / "plate.json"
+    as_user("engineer", "skills", "export", "plate", "--version", "1", "-o", str(exported))
+    imported = as_user("teacher", "skills", "import", str(exported))
+    assert imported == {"name": "plate", "version": 3}
+    assert as_user("visitor", "skills", "show", "plate")["modelDigest"] == digest
+    picture = tmp_path / "plate.png"
+    as_user("visitor", "skills", "plot", "plate", "--version", "1", "-o", str(picture))
+    assert picture.stat().st_size > 10_000
+
+    as_user("engineer", "skills", "withdraw", "plate", "--on", "ws1")
+    as_user("engineer", "skills", "retire", "plate", "--version", "1")
+    as_user("engineer", "recipes", "delete", "fine")
+    assert "BadNotExecutable" in as_user("mes", "run", "plate", "--on", "ws1", status=1)
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("skills", "show", "none"), "SkillName"),
+        (("recipes", "show", "none"), "RecipeId"),
+        (("jobs", "show", "none"), "none"),
+        (("run", "none", "--on", "ws1"), "SkillName"),
+    ],
+)
+def test_what_is_not_there_is_named(as_user: Run, words: tuple[str, ...], says: str) -> None:
+    assert says in as_user("mes", *words, status=1)
+
+
+def test_a_wrong_password_is_one_sentence(as_user: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("OPCUA_SKILL_PASSWORD", "guessed wrong")
+    assert "password" in as_user("admin", "skills", "list", status=1)
+
+
+def test_a_client_that_is_not_trusted_is_told_what_to_do(
+    as_user: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("OPCUA_SKILL_CLIENT_DIR", str(tmp_path / "stranger"))
+    sentence = as_user("visitor", "skills", "list", status=1)
+    assert "certificates trust" in sentence
+    assert "stranger" in sentence
+
+
+def test_a_server_with_another_certificate_gets_no_password(as_user: Run, plant: "Plant") -> None:
+    [known] = (plant.client_folder / "servers").glob("*.der")
+    kept = known.read_bytes()
+    try:
+        known.write_bytes(b"another")
+        assert "another certificate" in as_user("visitor", "skills", "list", status=1)
+    finally:
+        known.write_bytes(kept)
