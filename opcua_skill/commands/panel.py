@@ -33,8 +33,8 @@ def panel(
         address = Address(host, port, certificate, key)
     except ValueError as error:
         raise Fault(str(error)) from None
-    for name in ("asyncua", "nicegui"):
-        logging.getLogger(name).setLevel(logging.ERROR)
+    logging.getLogger("asyncua").setLevel(logging.CRITICAL)  # a lost connection is told on the page, in a sentence
+    logging.getLogger("nicegui").setLevel(logging.ERROR)
 
     def ready(url: str) -> None:
         say(f"panel on {url}")

@@ -210,7 +210,7 @@ def _banners(frame: Frame) -> None:
         if halted:
             arm = session.station.arm
             assert arm is not None
-            stop_text.text = f"✋ {session.station_name}: {arm_words(words, session.station)}. {arm.fault}"
+            stop_text.text = f"■ {session.station_name}: {arm_words(words, session.station)}. {arm.fault}"
         reset.set_visibility(session.may("reset"))
 
     frame.on_refresh(show)

@@ -1,18 +1,33 @@
 """Records: what the server told since one signed in (audit events among it), and the jobs of every workstation."""
 
+from collections.abc import Iterable
+
 from nicegui import ui
 
 from opcua_skill.panel.frame import Frame
+from opcua_skill.panel.session import Happening
 from opcua_skill.panel.shown import mm, moment, state_tag
 
 MOST = 150
 SEVERE = 500
 
 
+def changes(happenings: Iterable[Happening]) -> list[Happening]:
+    """Return what is worth a line, newest first: a job that says again that it runs is not."""
+    told: set[str] = set()
+    kept = []
+    for one in happenings:
+        if one.event.job_id and one.event.message in told:
+            continue
+        told.add(one.event.message)
+        kept.append(one)
+    return kept[:MOST]
+
+
 async def records_page(frame: Frame) -> None:
     """Show events and jobs, newest first; both go on while one looks."""
     words, session = frame.words, frame.session
-    with ui.element("div").classes("columns half-columns"):
+    with ui.element("div").classes("columns half-columns").style("grid-template-columns: 5fr 6fr"):
         with ui.element("div").classes("sheet stack"):
             ui.label(words("What happened since you signed in")).classes("sheet-title")
             only = ui.checkbox(words("only refusals, faults and stops")).props("dense")
@@ -30,7 +45,7 @@ async def records_page(frame: Frame) -> None:
             shown["events"] = newest
             events.clear()
             with events:
-                for one in [it for it in session.happenings if not only.value or it.event.severity >= SEVERE][:MOST]:
+                for one in [it for it in changes(session.happenings) if not only.value or it.event.severity >= SEVERE]:
                     with ui.element("tr"):
                         with ui.element("td"):
                             ui.label(f"{one.at.astimezone():%H:%M:%S}").classes("mono")
@@ -59,7 +74,7 @@ async def records_page(frame: Frame) -> None:
                                 ui.html(state_tag(words, job.state), sanitize=False)
                                 if job.failure != "None":
                                     ui.label(f"{job.failure}: {job.message}").classes("small check-bad")
-                            with ui.element("td"):
+                            with ui.element("td").classes("wraps"):
                                 rms, largest = job.tracking_error
                                 done = job.state == "Completed"
                                 ui.label(f"{mm(rms, 3)} / {mm(largest, 3)}" if done else "–").classes("mono")

@@ -50,7 +50,7 @@ export default {
     },
     plan(points) { this.planned = points; if (!this.run) this.draw(); },
     begin() { this.run = null; this.playing = false; this.length = 0; this.at = 0; this.trail = []; this.told = ""; this.draw(); },
-    live(point) { if (this.run) return; this.trail.push(point); this.update(point); },
+    live(point) { if (this.run) return; this.trail.push(point); this.update(point); this.fit(); },
     pause() { this.playing = false; },
     toggle() {
       if (!this.length) return;
