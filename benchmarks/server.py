@@ -8,6 +8,7 @@ import asyncio
 import contextlib
 import json
 import os
+import struct
 import sys
 import tempfile
 import time
@@ -39,7 +40,7 @@ from opcua_skill.stack.values import node_id
 
 PEER = f"asyncua {asyncua.__version__}"
 SERVER_URI, CLIENT_URI = "urn:opcua-skill:server", "urn:opcua-skill:benchmark"
-ROUNDS, CALLS, PAYLOADS, CLIENTS = 3, 400, 12, 100
+ROUNDS, CALLS, PAYLOADS, CLIENTS = 3, 1000, 60, 100
 DEMONSTRATIONS, POINTS = 20, 1500
 SUBSCRIBERS, ITEMS, CHANGES = 50, 100, 10
 CYCLES = 1000
@@ -176,7 +177,7 @@ async def running(which: str, folder: Path) -> AsyncIterator[Running]:
 @asynccontextmanager
 async def signed_in(server: Running) -> AsyncIterator[Client]:
     """Connect and sign in."""
-    client = Client(server.url, timeout=60)
+    client = Client(server.url, timeout=60, watchdog_intervall=60)
     client.application_uri = CLIENT_URI
     client.set_user("admin")
     client.set_password("benchmark")
@@ -207,9 +208,15 @@ async def _per_call(server: Running, clients: Sequence[Client], number: int) -> 
 async def _per_payload(server: Running) -> float:
     """Return the milliseconds of processor time of a call with 20 demonstrations of 1500 points."""
     async with signed_in(server) as client:
-        await client.load_data_type_definitions()
-        kind: Any = ua.BenchmarkDemonstration  # pyright: ignore[reportAttributeAccessIssue] - loaded a line above
-        one = kind(Times=[0.1] * POINTS, Positions=[0.2] * 2 * POINTS, Triggers=[True] * POINTS)
+        index = await client.get_namespace_index("urn:benchmark")
+        method = client.get_node(node_id("Cell/Count", index))
+        (declared,) = await (await method.get_child("0:InputArguments")).read_value()
+        (encoding,) = await client.get_node(declared.DataType).get_referenced_nodes(Ids.HasEncoding)
+        times, places = [0.1] * POINTS, [0.2] * 2 * POINTS
+        form = f"<i{POINTS}di{2 * POINTS}di{POINTS}?"
+        body = struct.pack(form, POINTS, *times, 2 * POINTS, *places, POINTS, *[True] * POINTS)
+        kind: Any = ua.ExtensionObject
+        one = kind(TypeId=encoding.nodeid, Body=body)
         payload: Any = ua.Variant([one] * DEMONSTRATIONS, ua.VariantType.ExtensionObject)
         await calls(client, 1, "Count", payload)
         before = server.processor_seconds()
