@@ -20,7 +20,9 @@ from sim.arm import Floats, Limits, PathLimits
 
 TICK = 5e-4
 VELOCITY_SHARE, CORNER_SHARE, ACCELERATION_SHARE, JERK_SHARE = 0.95, 0.6, 0.95, 0.9
-ROUNDS = 12
+ROUNDS = 16
+# What is kept at every tick is kept between the ticks as well.
+NEARLY = 0.99
 MOST_TICKS = 400_000
 
 
@@ -185,7 +187,7 @@ def fastest(
         law = _smoothed(path.lengths, _sweeps(path.lengths, top, np.maximum(push, 1e-3)), bounds)
         times = _ticks(law.duration)
         at, factor = path.excess(law, limits, times)
-        over = factor > 1.0
+        over = factor > NEARLY
         if not over.any():
             break
         cut = np.ones_like(allowed)
