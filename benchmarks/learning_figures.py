@@ -16,9 +16,14 @@ GREY, ODD, BLUE, MEAN = "0.75", "tab:orange", "tab:blue", "k"
 
 
 def sheet(
-    path: Path, learned: Mapping[str, LearnedMotion], demonstrations: Mapping[str, list[Demonstration]], columns: int = 4
+    path: Path,
+    learned: Mapping[str, LearnedMotion],
+    demonstrations: Mapping[str, list[Demonstration]],
+    columns: int = 4,
 ) -> None:
-    """Draw one picture a shape into ``path``: demonstrations grey, those left out orange, component means as crosses."""
+    """Draw one picture a shape into ``path``: demonstrations grey, those left out orange, component means as
+    crosses.
+    """
     rows = -(-len(learned) // columns)
     figure, axes = plt.subplots(rows, columns, figsize=(4.6 * columns, 4.2 * rows), squeeze=False)
     for axis in axes.flat:

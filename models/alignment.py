@@ -1,8 +1,9 @@
 """Which sample of one motion belongs to which of another: dynamic time warping (dtw) in any number of dimensions.
 
-``warp`` is exact, on evenly resampled motions, all of them in one sweep along the anti-diagonals of the cost table; it may leave
-start and end of the reference open, for people who started late or let go early. ``warp_fast`` is the published FastDTW,
-from the package of that name.
+``warp`` is exact, on evenly resampled motions, all of them in one sweep along the anti-diagonals of the cost table;
+it may leave
+start and end of the reference open, for people who started late or let go early. ``warp_fast`` is the published
+FastDTW, from the package of that name.
 """
 
 # numpy and scipy leave many results untyped: what leaves a function here is typed by its signature.
@@ -97,7 +98,8 @@ def fastdtw_is_compiled() -> bool:
 
 
 def _sweep(references: Floats, others: Floats, open_start: Bools) -> tuple[Steps, Floats]:
-    """Return the step into each cell, by anti-diagonal and row (n + m - 1, b, n), and the cost (b, n) of ending at each row.
+    """Return the step into each cell, by anti-diagonal and row (n + m - 1, b, n), and the cost (b, n) of ending at
+    each row.
 
     Buffers of a diagonal are shifted by one: place i + 1 holds row i, place 0 is outside the table.
     """

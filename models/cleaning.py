@@ -1,4 +1,6 @@
-"""From a recording to a clean motion: gaps, reflections, tremble. All windows are in seconds and millimetres, never in samples."""
+"""From a recording to a clean motion: gaps, reflections, tremble. All windows are in seconds and millimetres, never
+in samples.
+"""
 
 # numpy and scipy leave many results untyped: what leaves a function here is typed by its signature.
 # pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
@@ -26,9 +28,9 @@ FINEST_STEP = 5e-3
 class CleanMotion:
     """A recording without its faults, on an even grid of time.
 
-    ``times`` (n,) in s; ``points`` (n, d) in m; ``triggers`` (n,); ``known`` (n,): False inside gaps too long to bridge;
-    ``orientations`` (n, 4) or None; ``used`` (r,): which raw samples are neither lost, struck nor reflections; ``gap``: the
-    longest stretch in s that is not known.
+    ``times`` (n,) in s; ``points`` (n, d) in m; ``triggers`` (n,); ``known`` (n,): False inside gaps too long to
+    bridge; ``orientations`` (n, 4) or None; ``used`` (r,): which raw samples are neither lost, struck nor reflections;
+    ``gap``: the longest stretch in s that is not known.
     """
 
     demonstration_id: str
@@ -69,7 +71,8 @@ def check(demonstration: Demonstration) -> None:
 def clean(demonstration: Demonstration, struck: frozenset[int], filter_window: float, despiking: bool) -> CleanMotion:
     """Return the recording bridged and smoothed by a moving average of ``filter_window`` s.
 
-    With ``despiking`` reflections are taken out first, recordings faster than 200 samples a second are thinned by medians, and
+    With ``despiking`` reflections are taken out first, recordings faster than 200 samples a second are thinned by
+    medians, and
     the filter is never longer than the hand needs for 2 % of the drawing, so that fast people keep their corners.
     """
     check(demonstration)
@@ -89,14 +92,16 @@ def clean(demonstration: Demonstration, struck: frozenset[int], filter_window: f
         seen, places = middles[~wrong], medians[~wrong]
         if len(seen) < LEAST_SAMPLES:
             raise UnusableDemonstration("reflections throughout: check the cameras and record it again")
-        if _extent(places) < SHORTEST_MOTION:
-            raise UnusableDemonstration("nothing moves further than 1 mm but for reflections: record it again")
     count = max(LEAST_SAMPLES, round((seen[-1] - seen[0]) / float(np.median(np.diff(seen)))) + 1)
     grid = np.linspace(seen[0], seen[-1], min(count, MOST_SAMPLES))
     even = _resampled(seen, places, grid)
-    if despiking:
+    if despiking and _extent(even) > 0:
         filter_window = min(filter_window, _crossing_time(grid, even))
     smooth = moving_average(even, round(filter_window * (len(grid) - 1) / (grid[-1] - grid[0])))
+    if _extent(smooth) < SHORTEST_MOTION:
+        raise UnusableDemonstration(
+            "nothing moves further than 1 mm but for reflections and trembling: record it again"
+        )
     known, gap = _without_gaps(seen, places, grid)
     return CleanMotion(
         demonstration.demonstration_id,
@@ -153,7 +158,9 @@ def _turned(times: Floats, orientations: Floats | None, usable: Bools, grid: Flo
 
 
 def moving_average(points: Floats, window: int) -> Floats:
-    """Return points (n, d) averaged over ``window`` samples; point symmetry at both ends keeps the ends where they are."""
+    """Return points (n, d) averaged over ``window`` samples; point symmetry at both ends keeps the ends where they
+    are.
+    """
     half = min(window // 2, (len(points) - 1) // 2)
     if half < 1:
         return points
@@ -188,7 +195,9 @@ def _without_gaps(times: Floats, points: Floats, grid: Floats) -> tuple[Bools, f
 
 
 def _crossing_time(times: Floats, points: Floats) -> float:
-    """Return the time in s in which the hand usually crosses 2 % of the drawing: a longer filter would cut its corners."""
+    """Return the time in s in which the hand usually crosses 2 % of the drawing: a longer filter would cut its
+    corners.
+    """
     lengths = np.sqrt((np.diff(points, axis=0) ** 2).sum(axis=1))
     usual = float(np.median(lengths[lengths > 0])) / float(times[1] - times[0])
     return FILTER_REACH * _extent(points) / usual

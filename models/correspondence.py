@@ -100,7 +100,9 @@ def taken_at(motions: list[CleanMotion], positions: Floats, weights: Floats) -> 
 
 
 def same_side(orientations: Floats) -> Floats:
-    """Return quaternions (u, n, 4), each motion's sign such that it is on the first motion's side: q and -q are one turn."""
+    """Return quaternions (u, n, 4), each motion's sign such that it is on the first motion's side: q and -q are one
+    turn.
+    """
     agreement = np.nansum(orientations * orientations[:1], axis=(1, 2))
     return orientations * np.where(agreement < 0, -1.0, 1.0)[:, None, None]
 

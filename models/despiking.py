@@ -22,7 +22,8 @@ LOOK_BACK = 50
 def reflections(times: Floats, points: Floats) -> Bools:
     """Return which samples (n,) are no positions of the hand: off its track, or off the median of their neighbours.
 
-    Hampel's test, over all axes together: a sample is a reflection if it is further from the running median (0.15 s) than
+    Hampel's test, over all axes together: a sample is a reflection if it is further from the running median (0.15 s)
+    than
     three deviations (from the running median of those distances), than 0.5 mm and than a brisk hand comes in that time.
     """
     found = _off_the_track(times, points)

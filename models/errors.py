@@ -44,6 +44,20 @@ class OptionOutOfRange(SkillError):
     argument = "options"
 
 
+class TooManyComponents(SkillError):
+    """More Gaussians than the demonstrations can feed."""
+
+    argument = "options"
+
+    def __init__(self, components: int) -> None:
+        super().__init__(f"{components} components are too many for these demonstrations: ask for fewer")
+        self.components = components
+
+    def __reduce__(self) -> tuple[type["TooManyComponents"], tuple[int]]:
+        """Cross process borders whole."""
+        return type(self), (self.components,)
+
+
 class UnknownDemonstration(SkillError):
     """An edit that names a recording or a sample that does not exist."""
 

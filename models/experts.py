@@ -1,9 +1,12 @@
-"""How components hand over to each other: narrow at corners, wide on curves, and lines that fit the path given the hand-over.
+"""How components hand over to each other: narrow at corners, wide on curves, and lines that fit the path given the
+hand-over.
 
-The tied mixture says where on the clock each component lives. Its regression is a chain of straight pieces with hand-overs
-as narrow as the bins are; on a curve that is a chain of kinks. So the extent Sigma_11 of every component is divided by a
-``sharpness`` chosen by the data (below one: wide), and the line of each component is fitted anew by least squares to the
-mean path under these hand-overs. Both are stored in the same two arrays and read by the same equations 4 to 6.
+The tied mixture says where on the clock each component lives. Its regression is a chain of straight pieces with
+hand-overs
+as narrow as the bins are; on a curve that is a chain of kinks. So the extent Sigma_11 of every component is divided
+by a
+``sharpness`` chosen by the data (below one: wide), and the line of each component is fitted anew by least squares to
+the mean path under these hand-overs. Both are stored in the same two arrays and read by the same equations 4 to 6.
 
 Only the distance across the path counts in that fit: a point may slide along the path, which changes when, not where.
 """
@@ -29,10 +32,11 @@ CURVE_COMPONENTS = (6, 8, 10, 12, 16, 20, 24)
 CURVE_SHARPNESS = (0.35, 0.5)
 POLYGON_SHARPNESS = (1.4, 1.7, 2.0, 2.5, 3.0, 4.0)
 CORNER_MISS = 0.003
-RMS_MISS = 0.0015
-MAX_MISS = 0.006
-UNCERTAINTY_RMS = 0.15
-UNCERTAINTY_MAX = 0.5
+RMS_MISS = 0.0008
+MAX_MISS = 0.003
+UNCERTAINTY_RMS = 0.05
+UNCERTAINTY_MAX = 0.1
+BENT = 2.0
 TURN_MISS = 0.01
 MOST_PARTS = 4
 ALONG = 0.003
@@ -42,7 +46,9 @@ WINDOW = 0.08
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Handover:
-    """Where on the clock (0..1) each of K components lives: ``centres`` (K,) and ``extents`` (K,), standard deviations."""
+    """Where on the clock (0..1) each of K components lives: ``centres`` (K,) and ``extents`` (K,), standard
+    deviations.
+    """
 
     centres: Floats
     extents: Floats
@@ -56,7 +62,9 @@ class Handover:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit:
-    """A hand-over, the lines ``coefficients`` (2 K, d) under it, and how far the path is from the mean: rms and largest, m."""
+    """A hand-over, the lines ``coefficients`` (2 K, d) under it, and how far the path is from the mean: rms and
+    largest, m.
+    """
 
     handover: Handover
     coefficients: Floats
@@ -79,17 +87,21 @@ def fit_handover(
 ) -> Fit:
     """Return the hand-over and lines for a mean path (n, d) at even clock steps 0..1.
 
-    ``samples`` (r, 1 + d): clock and position of all demonstrations, for the mixture; ``uncertainty``: standard error of the mean
-    in m; ``components``: how many, 0 to choose; ``turned`` (n, 4): the mean orientation, if any. A polygon gets one for each
-    edge (more if the tool turns too much along an edge) and the widest hand-over that does not cut its corners by 0.3 % of the diagonal more than the sharpest does. A curve gets the fewest of 6 to 24, with the widest hand-over, that stay
-    within 0.15 % (rms) and 0.6 % (anywhere) of the diagonal from the mean, or within half of its standard error.
+    ``samples`` (r, 1 + d): clock and position of all demonstrations, for the mixture; ``uncertainty``: standard
+    error of the mean
+    in m; ``components``: how many, 0 to choose; ``turned`` (n, 4): the mean orientation, if any. A polygon gets one
+    for each
+    edge (more if the tool turns too much along an edge) and the widest hand-over that does not cut its corners by
+    0.3 % of the diagonal more than the sharpest does. A curve gets the fewest of 6 to 24, with the widest hand-over,
+    that stay
+    within 0.08 % (rms) and 0.3 % (anywhere) of the diagonal from the mean, or within a tenth of its standard error.
     """
     size = diagonal(mean)
     found, polygon = edges_of(mean)
     if polygon and components in {0, len(found) - 1}:
         bent = [count for count in CURVE_COMPONENTS if count < len(found) and not components]
-        fit = _first_within(mean, samples, bent, RMS_MISS * size, MAX_MISS * size)
-        return fit or _polygon(mean, samples, _divided(mean, samples, found, turned if not components else None))
+        if _first_within(mean, samples, bent, BENT * RMS_MISS * size, BENT * MAX_MISS * size) is None:
+            return _polygon(mean, samples, _divided(mean, samples, found, turned if not components else None))
     rms = max(RMS_MISS * size, UNCERTAINTY_RMS * uncertainty)
     furthest = max(MAX_MISS * size, UNCERTAINTY_MAX * uncertainty)
     if not components:
@@ -97,19 +109,21 @@ def fit_handover(
         if fit:
             return fit
     count = components or CURVE_COMPONENTS[-1]
-    tried = [fit for fit in _curves(mean, samples, count, (*CURVE_SHARPNESS, 0.7, 1.0, *POLYGON_SHARPNESS))]
+    tried = list(_curves(mean, samples, count, (*CURVE_SHARPNESS, 0.7, 1.0, *POLYGON_SHARPNESS)))
     good = (fit for fit in tried if fit.rms <= rms and fit.furthest <= furthest)
     return next(good, min(tried, key=lambda fit: fit.furthest))
 
 
 def _divided(mean: Floats, samples: Floats, found: tuple[int, ...], turned: Floats | None) -> tuple[int, ...]:
-    """Return the corners, with every edge divided evenly until straight pieces follow the tool's turning to a degree."""
+    """Return the corners, with every edge divided evenly until straight pieces follow the tool's turning to a
+    degree.
+    """
     if turned is None:
         return found
     knots = np.array(found, dtype=np.float64)
     for parts in range(1, MOST_PARTS + 1):
         divided = np.interp(np.arange(parts * (len(found) - 1) + 1) / parts, np.arange(len(found)), knots)
-        edges = tuple(int(round(float(place))) for place in divided)
+        edges = tuple(round(float(place)) for place in divided)
         fit = _polygon(mean, samples, edges)
         basis = fit.handover.basis(np.linspace(0.0, 1.0, len(mean)))
         if np.abs(basis @ lines(fit.handover, turned) - turned).max() <= TURN_MISS:
@@ -135,7 +149,9 @@ def _curves(mean: Floats, samples: Floats, count: int, sharpnesses: Sequence[flo
 
 
 def _first_within(mean: Floats, samples: Floats, counts: Sequence[int], rms: float, furthest: float) -> Fit | None:
-    """Return the fit with the fewest of ``counts`` components that stays within these distances in m of the mean, or none."""
+    """Return the fit with the fewest of ``counts`` components that stays within these distances in m of the mean, or
+    none.
+    """
     for count in counts:
         for fit in _curves(mean, samples, count, CURVE_SHARPNESS):
             if fit.rms <= rms and fit.furthest <= furthest:
@@ -144,7 +160,9 @@ def _first_within(mean: Floats, samples: Floats, counts: Sequence[int], rms: flo
 
 
 def lines(handover: Handover, values: Floats) -> Floats:
-    """Return coefficients (2 K, m) so that the outputs are nearest to values (n, m) at even clock steps, and equal at both ends."""
+    """Return coefficients (2 K, m) so that the outputs are nearest to values (n, m) at even clock steps, and equal
+    at both ends.
+    """
     basis = handover.basis(np.linspace(0.0, 1.0, len(values)))
     usual = _local_lines(handover, values)
     matrix = basis.T @ basis / len(basis)
@@ -155,7 +173,9 @@ def lines(handover: Handover, values: Floats) -> Floats:
 
 
 def retimed(path: Floats, mean: Floats) -> Floats:
-    """Return the fractional index (n,) of the mean path (n, d) that is nearest to each point of the path (n, d), rising."""
+    """Return the fractional index (n,) of the mean path (n, d) that is nearest to each point of the path (n, d),
+    rising.
+    """
     count = len(path)
     reach = max(2, round(WINDOW * count))
     offsets = np.arange(-reach, reach + 1)
@@ -200,7 +220,9 @@ def _distances(path: Floats, other: Floats) -> Floats:
 
 
 def _local_lines(handover: Handover, values: Floats) -> Floats:
-    """Return the coefficients (2 K, m) of each component on its own: the value at its centre, the slope over its extent."""
+    """Return the coefficients (2 K, m) of each component on its own: the value at its centre, the slope over its
+    extent.
+    """
     clock = np.linspace(0.0, 1.0, len(values))
     low, high = np.clip(handover.centres - handover.extents, 0, 1), np.clip(handover.centres + handover.extents, 0, 1)
     share = handover.extents / (high - low)

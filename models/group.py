@@ -1,7 +1,10 @@
-"""The shape that a group of people drew: each laid upon the others, whoever started late, let go early or does not fit found.
+"""The shape that a group of people drew: each laid upon the others, whoever started late, let go early or does not
+fit found.
 
-What belongs together is found on where the pen is, once place and size of each person's drawing are taken out, and on which way
-it moves: so a corner meets a corner although people put it at different places. The mean is taken of the drawings as they lie.
+What belongs together is found on where the pen is, once place and size of each person's drawing are taken out, and
+on which way
+it moves: so a corner meets a corner although people put it at different places. The mean is taken of the drawings as
+they lie.
 """
 
 # numpy and scipy leave many results untyped: what leaves a function here is typed by its signature.
@@ -36,7 +39,8 @@ class Group:
     """u drawings laid upon each other at n instants of the common shape.
 
     ``positions`` (u, n): fractional sample of each drawing's 256, NaN where it has nothing to say;
-    ``first`` and ``last`` (u,): between which instants it was there; ``late`` and ``early`` (u,): whether that is a fault.
+    ``first`` and ``last`` (u,): between which instants it was there; ``late`` and ``early`` (u,): whether that is a
+    fault.
     ``weights`` (u, n): 0..1, fading where a drawing begins late or ends early, so that the mean does not jump there.
     """
 
@@ -62,7 +66,9 @@ def directions(curve: Floats) -> Floats:
 
 
 def reference_of(curves: Floats) -> int:
-    """Return which of the curves (u, n, d) is nearest to the others: the medoid, of 24 evenly chosen ones if there are more."""
+    """Return which of the curves (u, n, d) is nearest to the others: the medoid, of 24 evenly chosen ones if there
+    are more.
+    """
     count, points = curves.shape[:2]
     chosen = np.unique(np.linspace(0, count - 1, min(count, MEDOID_CANDIDATES)).round().astype(np.int64))
     coarse = np.linspace(0, points - 1, MEDOID_POINTS).round().astype(np.int64)
@@ -70,7 +76,9 @@ def reference_of(curves: Floats) -> int:
 
 
 def fitted_to(curves: Floats, positions: Floats, shape: Floats, weights: Floats) -> Floats:
-    """Return the curves (u, n, d) moved and scaled so that what ``positions`` matches lies nearest to ``shape`` (n, d)."""
+    """Return the curves (u, n, d) moved and scaled so that what ``positions`` matches lies nearest to ``shape`` (n,
+    d).
+    """
     fitted = np.empty_like(curves)
     index = np.arange(curves.shape[1], dtype=np.float64)
     for u, curve in enumerate(curves):
@@ -151,8 +159,8 @@ def mean_shape(points: Floats, weights: Floats) -> Floats:
 def _open_sides(curves: Floats, shape: Floats, first: Indices, last: Indices) -> tuple[Bools, Bools]:
     """Return who (u,) started late and who let go early.
 
-    Someone did if the drawing's end is far from the shape's: than 5 % of the diagonal and than three times the others' usual
-    distance; and if the open warp leaves at least 2 % of the shape unmatched
+    Someone did if the drawing's end is far from the shape's: than 5 % of the diagonal and than three times the
+    others' usual distance; and if the open warp leaves at least 2 % of the shape unmatched
     there, and matches 30 % of it at all.
     """
     size, most = diagonal(shape), len(shape) - 1
@@ -166,7 +174,9 @@ def _open_sides(curves: Floats, shape: Floats, first: Indices, last: Indices) ->
 
 
 def _fading(first: Indices, last: Indices, late: Bools, early: Bools, points: int) -> Floats:
-    """Return weights (u, n): one, but rising over 5 % of the shape after a late start and falling before an early end."""
+    """Return weights (u, n): one, but rising over 5 % of the shape after a late start and falling before an early
+    end.
+    """
     instants = np.arange(points)[None, :]
     width = FADING * points
     rising = np.where(late[:, None], np.clip((instants - first[:, None] + 1) / width, 0.0, 1.0), 1.0)

@@ -1,4 +1,6 @@
-"""From demonstrations to a motion: ``learn`` and what is reported of it. The pipelines are ``models.recommended`` and ``models.paper``."""
+"""From demonstrations to a motion: ``learn`` and what is reported of it. The pipelines are ``models.recommended``
+and ``models.paper``.
+"""
 
 # numpy and scipy leave many results untyped: what leaves a function here is typed by its signature.
 # pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
@@ -56,7 +58,8 @@ def learn(
 ) -> LearnedMotion:
     """Return the motion that the demonstrations have in common, with a verdict for each and a report.
 
-    A recording that cannot be used is left out, and its verdict says why; fewer than two usable ones raise TooFewDemonstrations.
+    A recording that cannot be used is left out, and its verdict says why; fewer than two usable ones raise
+    TooFewDemonstrations.
     The same demonstrations, edits and options give the same bits in any process: one thread, no randomness.
     """
     edits, options = edits or Edits(), options or LearningOptions()

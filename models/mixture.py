@@ -1,8 +1,10 @@
 """The Gaussian mixture: how it is fitted, and why its means and covariances are the whole of it.
 
-Column 0 of a sample is the clock. A component that covers a stretch of length L of an evenly sampled clock has weight L and
-standard deviation L/sqrt(12), so its prior is known from its covariance: w_k = sqrt(Sigma_11,k) / sum. ``fit_tied`` holds the
-priors to that formula in each maximisation step; then nothing is lost by storing two arrays. ``fit_free`` is expectation
+Column 0 of a sample is the clock. A component that covers a stretch of length L of an evenly sampled clock has
+weight L and
+standard deviation L/sqrt(12), so its prior is known from its covariance: w_k = sqrt(Sigma_11,k) / sum. ``fit_tied``
+holds the priors to that formula in each maximisation step; then nothing is lost by storing two arrays. ``fit_free`` is
+expectation
 maximisation as published, through scikit-learn; its priors are dropped and the formula puts others in their place.
 """
 
@@ -10,12 +12,14 @@ maximisation as published, through scikit-learn; its priors are dropped and the 
 # pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
 # pyright: reportMissingTypeStubs=false, reportAttributeAccessIssue=false
 
+import warnings
 from dataclasses import dataclass
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from models.demonstration import Floats
+from models.errors import TooManyComponents
 
 REGULARISATION = 1e-6
 TOLERANCE = 1e-5
@@ -45,7 +49,8 @@ def in_bins(samples: Floats, edges: Floats) -> Mixture:
 
 
 def fit_tied(samples: Floats, start: Mixture) -> Mixture:
-    """Return the mixture of samples (n, D) by expectation maximisation from ``start``, its priors tied to the covariances.
+    """Return the mixture of samples (n, D) by expectation maximisation from ``start``, its priors tied to the
+    covariances.
 
     The loop ends when a step adds less than 1e-5 to the mean log-likelihood of a sample.
     """
@@ -68,8 +73,10 @@ def fit_free(samples: Floats, start: Mixture) -> Mixture:
     """Return means and covariances of samples (n, D) by free expectation maximisation (scikit-learn) from ``start``.
 
     Samples are scaled to unit deviation first, so that scikit-learn's regularisation means the same in every column.
-    One thread: the result must not depend on how many there are.
+    One thread: the result must not depend on how many there are. Where it has not settled after 200 steps, the last
+    one counts.
     """
+    from sklearn.exceptions import ConvergenceWarning
     from sklearn.mixture import GaussianMixture
 
     centre, scale = samples.mean(axis=0), np.maximum(samples.std(axis=0), 1e-12)
@@ -85,8 +92,12 @@ def fit_free(samples: Floats, start: Mixture) -> Mixture:
         precisions_init=np.linalg.inv(start.covariances / scaling),
         random_state=0,
     )
-    with threadpool_limits(limits=1):
-        model.fit((samples - centre) / scale)
+    with threadpool_limits(limits=1), warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        try:
+            model.fit((samples - centre) / scale)
+        except ValueError as error:
+            raise TooManyComponents(len(start.means)) from error
     means, covariances = np.asarray(model.means_), np.asarray(model.covariances_)
     order = np.argsort(means[:, 0], kind="stable")
     return Mixture(means[order] * scale + centre, covariances[order] * scaling)

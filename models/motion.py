@@ -1,4 +1,6 @@
-"""A learned motion: two arrays and what their columns mean. Every path, at any time step, comes from here by regression."""
+"""A learned motion: two arrays and what their columns mean. Every path, at any time step, comes from here by
+regression.
+"""
 
 # numpy and scipy leave many results untyped: what leaves a function here is typed by its signature.
 # pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
@@ -43,13 +45,13 @@ class Motion:
     """Means and covariances of a Gaussian mixture, and how to read them.
 
     With the ``path`` clock the columns are: phase s in 0..1 along the path, time t in s, then the position in m.
-    With the ``time`` clock: time t in s, then the position in m. Where the demonstrations carried tool orientations, four more
-    columns follow: a quaternion x y z w, to be normalised after the regression. ``means`` has shape (K, D),
+    With the ``time`` clock: time t in s, then the position in m. Where the demonstrations carried tool orientations,
+    four more columns follow: a quaternion x y z w, to be normalised after the regression. ``means`` has shape (K, D),
     ``covariances`` (K, D, D). The priors are a function of the covariances (``models.mixture.priors``), so the two
     arrays are the whole model.
 
-    ``duration`` is the time in s that the demonstrations took, ``dispense`` the intervals of phase where the process is on,
-    ``time_step`` the step in s of the path as reported at learning.
+    ``duration`` is the time in s that the demonstrations took, ``dispense`` the intervals of phase where the process
+    is on, ``time_step`` the step in s of the path as reported at learning.
     """
 
     means: Floats
@@ -70,8 +72,8 @@ class Motion:
         plain = self._positions.stop
         if components < 1 or width not in {plain, plain + QUATERNION}:
             raise InvalidModel(
-                f"means have shape {self.means.shape}: with the {self.clock} clock in {self.dimension} dimensions they need "
-                f"{plain} columns, or {plain + QUATERNION} with orientation"
+                f"means have shape {self.means.shape}: with the {self.clock} clock in {self.dimension} dimensions "
+                f"they need {plain} columns, or {plain + QUATERNION} with orientation"
             )
         if self.covariances.shape != (components, width, width):
             raise InvalidModel(
@@ -158,8 +160,8 @@ class Motion:
     def _timetable(self) -> tuple[Floats, Floats]:
         """Return phases (g,) and the strictly rising time in s at each, from 0 to the duration.
 
-        Time is one more output of the mixture. A hand-over between components may make it stand still or run back by a little:
-        there it is held to a thousandth of the mean pace.
+        Time is one more output of the mixture. A hand-over between components may make it stand still or run back by
+        a little: there it is held to a thousandth of the mean pace.
         """
         grid = np.linspace(0.0, 1.0, CLOCK_GRID)
         raw = regress_mean(self.means, self.covariances, grid, slice(1, 2))[:, 0]

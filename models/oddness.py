@@ -55,9 +55,11 @@ def against_direction(curves: Floats) -> list[int]:
 
 
 def mismatch(points: Floats, weights: Floats) -> float:
-    """Return how far half of the aligned motions (u, n, d) are from their mean shape, once place and size are taken out.
+    """Return how far half of the aligned motions (u, n, d) are from their mean shape, once place and size are taken
+    out.
 
-    In parts of the mean's diagonal, root mean square. People who draw one shape stay below 0.06; two shapes mixed make 0.17.
+    In parts of the mean's diagonal, root mean square. People who draw one shape stay below 0.06; two shapes mixed
+    make 0.17.
     """
     mean = mean_shape(points, weights)
     rests: list[float] = []
@@ -72,7 +74,8 @@ def mismatch(points: Floats, weights: Floats) -> float:
 def odd_ones(points: Floats, weights: Floats) -> dict[int, Remark]:
     """Return which of the aligned motions (u, n, d) are off, where and by how much, by their worst 5 % of the path.
 
-    Off is further across the path from the median motion than 3.5 times the others' median distance there (or 0.7 times their
+    Off is further across the path from the median motion than 3.5 times the others' median distance there (or 0.7
+    times their
     usual worst, where they agree very well). Never more than 40 % of them, and never so that fewer than two are left.
     """
     count, instants = points.shape[:2]

@@ -13,10 +13,12 @@ class LearningOptions:
     """How to learn. A zero or an empty text stands for what the preset says.
 
     ``components`` is the number of Gaussians (0: the preset's, where ``recommended`` finds it from the path);
-    ``filter_window`` of the moving average in s; ``alignment`` the exact ``dtw`` or the ``fastdtw`` package, ``radius`` the
+    ``filter_window`` of the moving average in s; ``alignment`` the exact ``dtw`` or the ``fastdtw`` package,
+    ``radius`` the
     latter's; ``clock``: components over the ``path`` or over ``time``; ``reject_outliers``: leave out demonstrations
     that do not fit the others; ``time_step`` in s of the reported path; ``seed`` of whatever is drawn at random;
-    ``place``: ``plate`` keeps each demonstration where it was drawn, ``free`` moves, turns and scales them onto each other.
+    ``place``: ``plate`` keeps each demonstration where it was drawn, ``free`` moves, turns and scales them onto each
+    other.
     """
 
     preset: Preset = "recommended"

@@ -1,8 +1,9 @@
-"""The pipeline as published: moving average, FastDTW to the longest demonstration, components over time, free expectation
+"""The pipeline as published: moving average, FastDTW to the longest demonstration, components over time, free
+expectation
 maximisation with four components, regression with the covariance of equation 6. Kept as it is, to compare with.
 
-Only means and covariances are kept of the mixture, as the paper says. Its priors are free, so that what reads the two arrays
-with the priors' formula gets another path than the mixture was fitted to: up to 0.1 mm on the paper's plate.
+Only means and covariances are kept of the mixture, as the paper says. Its priors are free, so that what reads the
+two arrays with the priors' formula gets another path than the mixture was fitted to: up to 0.1 mm on the paper's plate.
 """
 
 # numpy and scipy leave many results untyped: what leaves a function here is typed by its signature.

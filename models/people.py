@@ -1,6 +1,8 @@
-"""Simulated demonstrators on the paper's 65 x 90 mm plate, with known truth: for the demo, the tests and the benchmarks.
+"""Simulated demonstrators on the paper's 65 x 90 mm plate, with known truth: for the demo, the tests and the
+benchmarks.
 
-Each person holds the pen a little turned, moved and scaled, misses each corner by their own amount, takes their own time,
+Each person holds the pen a little turned, moved and scaled, misses each corner by their own amount, takes their own
+time,
 waits at the ends and slows down at corners, wanders and trembles; the cameras add noise and, if asked, reflections.
 """
 
@@ -36,7 +38,8 @@ def simulated_people(
 ) -> tuple[list[Demonstration], Floats]:
     """Return ``number`` demonstrations and the true polyline (c, d) in m that all of them meant to draw.
 
-    ``early_release`` of them let go of the button after 80 to 95 % of the path and their recording ends there. ``rate`` of
+    ``early_release`` of them let go of the button after 80 to 95 % of the path and their recording ends there.
+    ``rate`` of
     the cameras in samples a second. ``corners`` (c, d) replaces the plate's zigzag, in two or three dimensions.
     With ``orientation`` the tool turns as ``true_orientations`` says.
     """
@@ -51,7 +54,9 @@ def simulated_people(
 
 
 def true_orientations(phases: Floats) -> Floats:
-    """Return the quaternions (n, 4), x y z w, that were meant: leaning 30 degrees about y, swung by 40 about x along the path."""
+    """Return the quaternions (n, 4), x y z w, that were meant: leaning 30 degrees about y, swung by 40 about x along
+    the path.
+    """
     lean, swing = np.deg2rad(30.0) / 2, np.deg2rad(40.0) * np.sin(np.pi * phases) / 2
     return np.column_stack(
         [
@@ -137,7 +142,9 @@ def _wander(generator: np.random.Generator, times: Floats, dimension: int) -> Fl
 
 
 def _reflect(generator: np.random.Generator, points: Floats) -> None:
-    """Throw 1 to 9 bursts of 1 to 6 samples tens of millimetres and more off, as a reflection taken for the marker does."""
+    """Throw 1 to 9 bursts of 1 to 6 samples tens of millimetres and more off, as a reflection taken for the marker
+    does.
+    """
     for _ in range(int(generator.integers(1, 10))):
         length = int(generator.integers(1, 7))
         start = int(generator.integers(5, len(points) - length - 5))

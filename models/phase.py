@@ -22,7 +22,9 @@ def travelled(motion: CleanMotion) -> Floats:
     smooth = moving_average(motion.points, round(LENGTH_WINDOW / step))
     lengths = np.sqrt((np.diff(smooth, axis=0) ** 2).sum(axis=1))
     moving = lengths[lengths > 0]
-    least = RESTING * float(np.median(moving)) if len(moving) else 0.0
+    if not len(moving):
+        return np.linspace(0.0, 1.0, len(motion.times))
+    least = RESTING * float(np.median(moving))
     counted = np.where(lengths > least, lengths, 1e-3 * lengths) + 1e-9 * float(lengths.sum()) / len(lengths)
     way = np.concatenate([[0.0], np.cumsum(counted)])
     return way / way[-1]

@@ -1,4 +1,6 @@
-"""Drawings whose place, size and turn do not matter: laid upon each other before anything else, at their average pose."""
+"""Drawings whose place, size and turn do not matter: laid upon each other before anything else, at their average
+pose.
+"""
 
 # numpy and scipy leave many results untyped: what leaves a function here is typed by its signature.
 # pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
@@ -44,7 +46,9 @@ def similarity(points: Floats, target: Floats) -> Similarity:
 
 
 def laid_freely(motions: list[CleanMotion], curves: Floats) -> list[CleanMotion]:
-    """Return the motions moved, turned and scaled onto each other; ``curves`` (u, n, d) are they at even steps of their way."""
+    """Return the motions moved, turned and scaled onto each other; ``curves`` (u, n, d) are they at even steps of
+    their way.
+    """
     reference = curves[_central(curves)]
     maps = [similarity(curve, reference) for curve in curves]
     index = np.arange(curves.shape[1], dtype=np.float64)

@@ -1,4 +1,6 @@
-"""The recommended pipeline: people laid upon each other, odd ones found, components over the path with chosen hand-overs."""
+"""The recommended pipeline: people laid upon each other, odd ones found, components over the path with chosen
+hand-overs.
+"""
 
 # numpy and scipy leave many results untyped: what leaves a function here is typed by its signature.
 # pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
@@ -89,7 +91,9 @@ def _curves(motions: list[CleanMotion]) -> tuple[Floats, Floats]:
 def _laid(
     motions: list[CleanMotion], curves: Floats, places: Floats, rows: list[int], options: LearningOptions
 ) -> tuple[Group, Correspondence]:
-    """Return how the motions of these rows lie upon each other, and they themselves at even instants of their mean path."""
+    """Return how the motions of these rows lie upon each other, and they themselves at even instants of their mean
+    path.
+    """
     group = lay_upon_each_other(curves[rows], options.alignment or "dtw", options.radius or 1)
     return group, _evened(_taken([motions[row] for row in rows], places[rows], group))
 
@@ -175,7 +179,9 @@ def _timing(aligned: Correspondence) -> tuple[float, Floats]:
 
 
 def _mixture(fit: Fit, aligned: Correspondence, times: Floats, clock: str, duration: float) -> Mixture:
-    """Return means and covariances: the lines of all outputs under the hand-over, and what the people differ from them."""
+    """Return means and covariances: the lines of all outputs under the hand-over, and what the people differ from
+    them.
+    """
     handover = fit.handover
     components = len(handover.centres)
     grid = np.linspace(0.0, 1.0, CLOCK_POINTS)
@@ -215,7 +221,9 @@ def _mixture(fit: Fit, aligned: Correspondence, times: Floats, clock: str, durat
 
 
 def _own_times(aligned: Correspondence, times: Floats) -> Floats:
-    """Return each motion's time (u, n) in s on the common scale: those who drew only a part are laid upon the mean there."""
+    """Return each motion's time (u, n) in s on the common scale: those who drew only a part are laid upon the mean
+    there.
+    """
     result = np.empty_like(aligned.times)
     for row, own in enumerate(aligned.times):
         there = np.flatnonzero(np.isfinite(own))

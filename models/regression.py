@@ -1,7 +1,8 @@
 """Gaussian mixture regression: from a clock value to a mean and a covariance. Zimmer et al., equations 4 to 6.
 
 The prior of a component is tied to its extent on the clock, w_k = sqrt(Sigma_11,k) / sum (see ``models.mixture``).
-So w_k N(s; mu_1,k, Sigma_11,k) is exp(-z_k²/2) times a factor common to all components, z_k = (s - mu_1,k) / sqrt(Sigma_11,k),
+So w_k N(s; mu_1,k, Sigma_11,k) is exp(-z_k²/2) times a factor common to all components, z_k = (s - mu_1,k) /
+sqrt(Sigma_11,k),
 and the activations h_k(s) of equation 4 are the softmax of -z_k²/2. Means and covariances are all it takes.
 
 Plain array arithmetic in a fixed order, no matrix library and no threads: the same numbers give the same bits.
@@ -60,7 +61,8 @@ def regress(
 ) -> tuple[Floats, Floats]:
     """Return E[x | s] with shape (n, m) and Cov[x | s] with shape (n, m, m) for the output columns.
 
-    ``rule``: ``paper`` is equation 6, sum h_k² Sigma_k, which shows about half of the real spread where components meet;
+    ``rule``: ``paper`` is equation 6, sum h_k² Sigma_k, which shows about half of the real spread where components
+    meet;
     ``within`` is sum h_k Sigma_k; ``full`` is the covariance of the whole mixture, the spread of the means included.
     """
     slope = slopes(covariances, columns)

@@ -40,9 +40,10 @@ class Verdict:
 class AlignedDemonstration:
     """A demonstration warped onto the common clock.
 
-    ``phases`` (r,): the phase of each raw sample, NaN where it is not used. ``times`` (m,) in s, ``points`` (m, d) in m and
-    ``triggers`` (m,) of the warped motion; m and the times are common to all aligned demonstrations; points are NaN where this
-    demonstration has nothing to say (let go early, a long gap).
+    ``phases`` (r,): the phase of each raw sample, NaN where it is not used. ``times`` (m,) in s, ``points`` (m, d)
+    in m and
+    ``triggers`` (m,) of the warped motion; m and the times are common to all aligned demonstrations; points are NaN
+    where this demonstration has nothing to say (let go early, a long gap).
     """
 
     demonstration_id: str
@@ -54,7 +55,9 @@ class AlignedDemonstration:
 
 @dataclass(frozen=True, slots=True)
 class DemonstrationError:
-    """Distance in m of one demonstration from the learned path at the same phase: root mean square, largest, and at which phase."""
+    """Distance in m of one demonstration from the learned path at the same phase: root mean square, largest, and at
+    which phase.
+    """
 
     demonstration_id: str
     rms: float
@@ -66,10 +69,12 @@ class DemonstrationError:
 class LearningReport:
     """What an engineer reads before approving. SI units.
 
-    ``path_error`` is the distance between the learned path and the mean of the aligned demonstrations at equal phase: root mean
-    square and largest, m. ``repeatability`` is the standard deviation of the demonstrations' distance from their mean along
-    the path, at ``repeatability_phases``. ``smoothness`` is the log dimensionless jerk of the path at constant speed: nearer
-    to zero is smoother.
+    ``path_error`` is the distance between the learned path and the mean of the aligned demonstrations at equal
+    phase: root mean
+    square and largest, m. ``repeatability`` is the standard deviation of the demonstrations' distance from their
+    mean along
+    the path, at ``repeatability_phases``. ``smoothness`` is the log dimensionless jerk of the path at constant
+    speed: nearer to zero is smoother.
     """
 
     preset: str
@@ -117,7 +122,9 @@ def _report(values: tuple[Any, ...]) -> LearningReport:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LearnedMotion:
-    """A motion and how it came about: one verdict for each demonstration given, in order; the aligned ones of those used."""
+    """A motion and how it came about: one verdict for each demonstration given, in order; the aligned ones of those
+    used.
+    """
 
     motion: Motion
     verdicts: tuple[Verdict, ...]

