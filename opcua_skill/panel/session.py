@@ -162,10 +162,12 @@ class PanelSession:
             self._work, self._watch = opened
             names = await self._watch.workstations()
             await self._read_rights(names)
-        except BaseException:
+        except BaseException as error:
             self._work = self._watch = None
             for client in opened:
                 await client.__aexit__()
+            if isinstance(error, OSError | TimeoutError):
+                raise Unreachable(f"the connection to {self.url} broke while signing in") from error
             raise
         self.stations = {name: self.stations.get(name, Station(name)) for name in names}
         if self.station_name not in self.stations:
@@ -208,6 +210,9 @@ class PanelSession:
                     self.times_recovered += 1
                 except ClientError as error:
                     self.why_not = str(error)
+                except Exception as error:
+                    log.exception("connecting for %s failed", self.user)
+                    self.why_not = f"fault in the panel: {error!r}"
 
     async def _watch_until_lost(self) -> None:
         watch = self._watch
