@@ -97,7 +97,8 @@ export default {
           line("planned", g, this.run ? [] : cut(this.planned, g), { color: SOFT, width: 2, type: "dashed" }, 1),
           line("commanded", g, this.run ? cut(this.run.commanded, g) : [], { color: BLUE, width: 4, opacity: 0.45 }, 2),
           line("measured", g, this.run ? cut(this.run.measured, g) : [], { color: ORANGE, width: 1.5 }, 3),
-          line("trail", g, this.run ? [] : cut(this.trail, g), { color: ORANGE, width: 2.5 }, 3),
+          // single readings, not a line: between two of them nobody looked, and a line would seem to cut corners
+          { id: `trail${g}`, type: "scatter", xAxisIndex: g, yAxisIndex: g, silent: true, animation: false, z: 3, symbolSize: 5, itemStyle: { color: ORANGE }, data: this.run ? [] : cut(this.trail, g) },
           { id: `tip${g}`, type: "scatter", xAxisIndex: g, yAxisIndex: g, silent: true, animation: false, z: 9, symbolSize: 15, itemStyle: { color: ORANGE, borderColor: "white", borderWidth: 2 }, data: [] }]) }, { notMerge: true });
       this.fit();
       if (this.run) this.mark();
