@@ -142,9 +142,9 @@ class Screens:
         return screen
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
-    """Debian's chromium, one for all tests."""
+    """Debian's chromium. Not longer than a module: playwright's loop would be in the way of tests that have their own."""
     with sync_playwright() as playwright:
         opened = playwright.chromium.launch(executable_path=CHROMIUM, args=list(FLAGS))
         yield opened
