@@ -12,8 +12,11 @@ from models.motion import Motion, Trajectory
 from opcua_skill.workers import report_progress
 from sim.arm import ArmModel, Trace
 from sim.arms import load
+from sim.clearance import Cell
 from sim.plan import Finding, MotionOrder, MotionPlan, MotionRefused, plan_home, plan_motion
 from sim.traces import to_csv, to_parquet
+
+HOMING_SPEED = 0.25
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,18 +79,18 @@ def _arm(name: str) -> ArmModel:
 
 
 def plan_skill(
-    motion: Motion, order: MotionOrder, arm: str, skill_digest: str, recipe_id: str
+    motion: Motion, order: MotionOrder, arm: str, skill_digest: str, recipe_id: str, cell: Cell
 ) -> MotionPlan | PlanRefused:
     """Plan and check a motion on an arm."""
     try:
-        return plan_motion(motion, order, _arm(arm), skill_digest=skill_digest, recipe_id=recipe_id)
+        return plan_motion(motion, order, _arm(arm), skill_digest=skill_digest, recipe_id=recipe_id, cell=cell)
     except MotionRefused as refused:
         return PlanRefused(tuple(refused.findings))
 
 
-def plan_way_home(arm: str, joints: tuple[float, ...]) -> MotionPlan | PlanRefused:
+def plan_way_home(arm: str, joints: tuple[float, ...], cell: Cell) -> MotionPlan | PlanRefused:
     """Plan and check an arm's way from where it stands to where every run starts."""
     try:
-        return plan_home(_arm(arm), joints)
+        return plan_home(_arm(arm), joints, speed_fraction=HOMING_SPEED, cell=cell)
     except MotionRefused as refused:
         return PlanRefused(tuple(refused.findings))

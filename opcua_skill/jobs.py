@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any, Literal
 
+import numpy as np
+
 from library.description import Failure, JobReport, JobState, Recipe, SkillDescription, VersionState
 from library.errors import InvalidValue
 from library.store import SkillLibrary
@@ -29,9 +31,10 @@ from opcua_skill.computations import (
     write_trace,
 )
 from opcua_skill.lane import Lane, Order
-from opcua_skill.settings import Settings
+from opcua_skill.settings import Settings, Workstation
 from opcua_skill.workers import WorkerDied, Workers, WorkerTimeout
-from sim.arm import Arm, ArmMode, ArmModel, Trace
+from sim.arm import Arm, ArmMode, ArmModel, ArmState, StartRefused, Trace
+from sim.clearance import Box, Cell
 from sim.plan import Finding, MotionOrder, MotionPlan
 
 Mode = Literal["simulation", "test", "production"]
@@ -44,6 +47,7 @@ MOTION_PARAMETERS: dict[str, tuple[str, tuple[str, ...]]] = {
     "TubePolicy": ("tube_policy", ("flag", "stop")),
 }
 PLANNING_SECONDS = 30.0
+START_TOLERANCE = 2e-3
 
 _log = logging.getLogger(__name__)
 
@@ -153,6 +157,7 @@ class JobEngine:
         self._learning: dict[str, asyncio.Task[LearningOutcome]] = {}
         self._progress: dict[str, float] = {}
         self._warm_up: asyncio.Task[None] | None = None
+        self._cells = {one.name: cell_of(one) for one in settings.workstations}
         self.stations: dict[str, Station] = {}
         for station in settings.workstations:
             arm = arm_factory(station.name, False)
@@ -169,6 +174,7 @@ class JobEngine:
                     self.tell,
                     keeps_arm_open=True,
                     keep_trace=self._keep_trace,
+                    come_home=lambda name=station.name: self._come_home(name),
                 ),
                 simulation=Lane(
                     f"{station.name} simulation",
@@ -332,7 +338,9 @@ class JobEngine:
         if isinstance(planned, PlanRefused):
             raise MotionNotPossible(await self._refused(report, planned.findings))
         self._room_on(lane)
-        report = report.model_copy(update={"path_error": planned.path_error, "samples": planned.samples})
+        notes = "; ".join(finding.text for finding in planned.findings[:5])[:4000]
+        told = {"path_error": planned.path_error, "samples": planned.samples, "message": notes}
+        report = report.model_copy(update=told)
         lane.reserve()
         try:
             await self._library.add_job(report)
@@ -340,7 +348,7 @@ class JobEngine:
             lane.release()
             raise
         await self.tell(report)
-        lane.put(Order(report.job_id, planned))
+        lane.put(Order(report.job_id, planned, notes))
         return report
 
     def _room_on(self, lane: Lane) -> None:
@@ -408,14 +416,33 @@ class JobEngine:
             station.model.name,
             description.model_digest,
             recipe.recipe_id,
+            self._cells[station.name],
             seconds=PLANNING_SECONDS,
         )
+
+    async def _come_home(self, name: str) -> None:
+        """Bring an arm that was stopped on its way slowly to where every run starts, as the first part of its next job.
+
+        Raises StartRefused when the way is not free; what stops the arm stops this motion too.
+        """
+        station = self.stations[name]
+        away = np.abs(np.array(station.arm.state().joints) - np.array(station.model.home)).max()
+        if away <= START_TOLERANCE or not ready_to_move(station.arm.state()):
+            return
+        planned = await self.plan_home(station)
+        if isinstance(planned, PlanRefused):
+            first = planned.findings[0]
+            raise StartRefused(first.code, f"the way to the start is not free: {first.text}")
+        _log.info("the arm of %s goes to the start first", name)
+        await station.arm.run(planned, lambda _: None)
 
     async def plan_home(self, station: Station) -> MotionPlan | PlanRefused:
         """Plan the way from where an arm stands to where every run starts, in a worker process."""
         joints = tuple(station.arm.state().joints)
         what = f"planning the way home on {station.name}"
-        return await self._planners.run(what, plan_way_home, station.model.name, joints, seconds=PLANNING_SECONDS)
+        return await self._planners.run(
+            what, plan_way_home, station.model.name, joints, self._cells[station.name], seconds=PLANNING_SECONDS
+        )
 
     async def trajectory(self, description: SkillDescription, time_step: float) -> Trajectory:
         """Return the path with the people's own timing, at ``time_step`` s (0: the learned one)."""
@@ -469,10 +496,21 @@ def motion_parameters(recipe: Recipe) -> dict[str, Any]:
     return found
 
 
+def cell_of(workstation: Workstation) -> Cell:
+    """Return what surrounds a workstation's arm, as configured."""
+    boxes = tuple(Box(one.name, one.pose, one.size) for one in workstation.fixtures)
+    return Cell(boxes, workstation.table_height)
+
+
+def ready_to_move(state: ArmState) -> bool:
+    """Return whether an arm may be given something to do, rather than wait for a reset."""
+    return state.known and not state.protective_stop and state.mode is not ArmMode.FAULT
+
+
 def _check_ready(station: Station) -> None:
     """Raise ArmNotReady while the arm waits for a reset: a new command must not be what sets it going again."""
     state = station.arm.state()
-    if state.protective_stop or state.mode is ArmMode.FAULT or not state.known:
+    if not ready_to_move(state):
         what = state.fault or state.mode.value
         raise ArmNotReady(f"the arm of {station.name} waits for a reset: {what}")
 

@@ -22,10 +22,14 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Order:
-    """A job and the plan that was checked for it: what was checked is what runs."""
+    """A job and the plan that was checked for it: what was checked is what runs.
+
+    ``notes`` says what is worth knowing of a plan that may run, such as where it slows down.
+    """
 
     job_id: str
     plan: MotionPlan
+    notes: str = ""
 
 
 @dataclass
@@ -50,6 +54,7 @@ class Lane:
         *,
         keeps_arm_open: bool,
         keep_trace: Callable[[str, Trace], Awaitable[None]],
+        come_home: Callable[[], Awaitable[None]] | None = None,
     ) -> None:
         self._name = name
         self._library = library
@@ -57,6 +62,7 @@ class Lane:
         self._tell = tell
         self._keeps_arm_open = keeps_arm_open
         self._keep_trace = keep_trace
+        self._come_home = come_home
         self._keeping: set[asyncio.Task[None]] = set()
         self._orders: OrderedDict[str, Order] = OrderedDict()
         self._reserved = 0
@@ -127,8 +133,10 @@ class Lane:
                 await self._move(order.job_id, JobState.RUNNING, start_time=datetime.now(UTC))
             if not self._keeps_arm_open:
                 await arm.open()
+            if self._come_home is not None:
+                await self._come_home()
             trace = await arm.run(order.plan, self._on_progress)
-            state, failure, message = JobState.COMPLETED, Failure.NONE, ""
+            state, failure, message = JobState.COMPLETED, Failure.NONE, order.notes
         except Stopped as stopped:
             trace = stopped.trace
             state, failure = JobState.ABORTED, running.stop_failure

@@ -12,7 +12,7 @@ from asyncua import ua
 from library.description import AuditEntry, JobReport, SkillDescription
 from library.store import SkillLibrary
 from opcua_skill.arm_lock import ArmLock, LockedByAnother
-from opcua_skill.jobs import ArmFactory, JobEngine, Station
+from opcua_skill.jobs import ArmFactory, JobEngine, Station, ready_to_move
 from opcua_skill.methods.edits import EditMethods
 from opcua_skill.methods.homing import HomingMethods
 from opcua_skill.methods.library import LibraryMethods
@@ -29,6 +29,7 @@ from opcua_skill.nodes.workstation import add_workstation
 from opcua_skill.security import Authenticator, SecuritySettings
 from opcua_skill.settings import Settings
 from opcua_skill.stack.access import caller
+from opcua_skill.stack.audit import SignInRecord
 from opcua_skill.stack.calls import CallRecord, Refused
 from opcua_skill.stack.server import SkillServer
 from opcua_skill.tidings import Tidings
@@ -36,6 +37,7 @@ from sim.arm import ArmError, ArmModel, ArmState
 from sim.arms import load
 
 SHOW_STATE_EVERY = 0.1
+HEALTHY, DEGRADED = 255, 199
 
 _log = logging.getLogger(__name__)
 
@@ -59,6 +61,7 @@ class SkillServerApp:
         self._arm_factory = arm_factory
         self._models: Mapping[str, ArmModel] = {one.name: load(one.arm) for one in settings.workstations}
         self._faces: dict[str, _Face] = {}
+        self._waiting: list[str] = []
         self._showing: asyncio.Task[None] | None = None
         self.library: SkillLibrary
         self.jobs: JobEngine
@@ -94,11 +97,13 @@ class SkillServerApp:
             folder=settings.data / "certificates",
             endpoint=settings.endpoint,
             application_uri=settings.application_uri,
+            host_names=settings.host_names,
+            discovery_servers=settings.discovery_servers,
             insecure_no_encryption=settings.security.allow_no_security,
             insecure_anonymous=settings.security.allow_anonymous,
             insecure_trust_every_client=settings.security.trust_all_clients,
         )
-        self.server = SkillServer(self._authenticator, security, on_call=self._record)
+        self.server = SkillServer(self._authenticator, security, on_call=self._record, on_sign_in=self._record_sign_in)
         await self.server.init()
         self._tree = await Tree.on(self.server)
         await add_types(self._tree)
@@ -170,6 +175,19 @@ class SkillServerApp:
             )
         )
 
+    async def _record_sign_in(self, record: SignInRecord) -> None:
+        """Write a sign-in, let in or not, into the audit trail."""
+        await self.library.audit(
+            AuditEntry(
+                actor=record.user,
+                role=record.role,
+                action="SignIn",
+                target=record.peer,
+                arguments={"kind": record.kind},
+                status=record.status_name,
+            )
+        )
+
     async def _job_changed(self, report: JobReport) -> None:
         face = self._faces.get(report.workstation)
         if face is not None:
@@ -197,7 +215,18 @@ class SkillServerApp:
                     await self._show_lock(face)
                 except Exception:
                     _log.exception("showing the arm of %s failed", name)
+            await self._show_service_level()
             await asyncio.sleep(SHOW_STATE_EVERY)
+
+    async def _show_service_level(self) -> None:
+        """Tell clients when an arm waits for a reset: the server serves, but not as it should."""
+        waiting = [name for name, face in self._faces.items() if not ready_to_move(face.station.arm.state())]
+        if waiting == self._waiting:
+            return
+        self._waiting = waiting
+        level = DEGRADED if waiting else HEALTHY
+        because = f"waiting for a reset: {', '.join(waiting)}" if waiting else "every arm is ready"
+        await self.server.set_service_level(level, because=because)
 
     async def _show_arm(self, name: str, face: _Face) -> None:
         state, before, path = face.station.arm.state(), face.shown, f"Machines/{name}/Arm"

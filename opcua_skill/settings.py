@@ -51,6 +51,16 @@ class Imperfection(Section):
         return (self.lag, self.backlash, self.noise)
 
 
+class Fixture(Section):
+    """Something that stands in the cell and that the arm has to keep clear of: a box."""
+
+    name: str = Field(description="what it is, for the refusal that names it")
+    pose: tuple[float, float, float, float, float, float, float] = Field(
+        description="its middle in the arm's base: x y z (m) qx qy qz qw"
+    )
+    size: tuple[float, float, float] = Field(description="full size along its axes, m")
+
+
 class Workstation(Section):
     """One workstation: an arm and its process equipment."""
 
@@ -60,6 +70,8 @@ class Workstation(Section):
         default="pybullet", description="what moves: PyBullet, or kinematics alone"
     )
     realtime: bool = Field(default=True, description="pace a simulated arm like a real one; false: as fast as possible")
+    table_height: float = Field(default=0.0, ge=-2.0, le=2.0, description="the table's plane in the arm's base, m")
+    fixtures: tuple[Fixture, ...] = Field(default=(), description="what the arm has to keep clear of")
     imperfection: Imperfection = Field(default=Imperfection(), description="of a simulated arm")
     equipment: tuple[Equipment, ...] = Field(default=(DISPENSER,), description="process equipment")
     manufacturer: str = Field(default="", description="of the workstation, for its identification")
@@ -105,6 +117,12 @@ class Settings(BaseSettings):
     data: Path = Field(default_factory=default_data_folder, description="folder of database, certificates and traces")
     database: str = Field(
         default="", description="SQLAlchemy address of the database; empty: skills.db in the data folder"
+    )
+    host_names: tuple[str, ...] = Field(
+        default=(), description="further names or addresses of this server, for its certificate"
+    )
+    discovery_servers: tuple[str, ...] = Field(
+        default=(), description="addresses of discovery servers to register with"
     )
     application_uri: str = Field(
         default="urn:opcua-skill:server", description="application URI in the server's certificate"

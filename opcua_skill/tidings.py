@@ -7,7 +7,7 @@ from asyncua import ua
 from asyncua.common.event_objects import BaseEvent
 from asyncua.common.events import Event
 
-from library.description import JobReport, JobState, SkillDescription
+from library.description import Failure, JobReport, JobState, SkillDescription
 from opcua_skill.nodes.tree import Tree
 from opcua_skill.nodes.types import EVENT_TYPES, FAILURE_NUMBERS
 
@@ -73,7 +73,8 @@ class Tidings:
         for listener in self.on_job:
             await listener(report)
         severity = SEVERITY.get(report.state, 200)
-        ended = f": {report.failure.value}, {report.message}" if report.message else ""
+        word = "" if report.failure is Failure.NONE else f"{report.failure.value}, "
+        ended = f": {word}{report.message}" if report.message else ""
         path = f"Machines/{report.workstation}" if report.workstation else "SkillLibrary"
         common: dict[str, Any] = {
             "JobId": report.job_id,

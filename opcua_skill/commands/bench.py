@@ -2,6 +2,7 @@
 
 import dataclasses
 import importlib
+import inspect
 import pkgutil
 import sys
 from collections.abc import Iterator, Mapping
@@ -30,15 +31,20 @@ def suites() -> list[str]:
     return [name for name in found if "def rows(" in (folder / f"{name}.py").read_text(encoding="utf-8")]
 
 
-def measured(suite: str) -> Iterator[Mapping[str, Any]]:
-    """Yield a suite's rows as they are measured."""
-    for row in importlib.import_module(f"benchmarks.{suite}").rows():
+def measured(suite: str, figures: Path | None) -> Iterator[Mapping[str, Any]]:
+    """Yield a suite's rows as they are measured; one that draws puts its pictures into ``figures``."""
+    rows = importlib.import_module(f"benchmarks.{suite}").rows
+    draws = "figures" in inspect.signature(rows).parameters
+    for row in rows(figures=figures) if draws else rows():
         given = row if isinstance(row, Mapping) else dataclasses.asdict(row)
         yield {column: given[column] for column in COLUMNS}
 
 
 def bench(
     suite: Annotated[str, typer.Argument(help=f"one of {', '.join(PLANNED)} or another that is there; else all")] = "",
+    figures: Annotated[
+        Path | None, typer.Option(file_okay=False, help="folder for the pictures of a suite that draws (learning)")
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Run the benchmarks. Ratios of one run mean something; absolute times depend on the machine."""
@@ -55,7 +61,7 @@ def bench(
     rows: list[Mapping[str, Any]] = []
     for name in [suite] if suite else there:
         note(f"measuring {name} …")
-        for row in measured(name):
+        for row in measured(name, figures):
             rows.append(row)
             if as_json:
                 print_json(row)

@@ -30,8 +30,11 @@ LIMIT = 60.0
 BARE = Workstation(name="bare", driver="kinematic", equipment=(Equipment(name="Gripper", atomic_skills=("Grip",)),))
 
 
-def arms(_station: str, _simulation: bool) -> Arm:
-    return KinematicArm(load("panda"), realtime=False)
+PACED = Workstation(name="paced", driver="kinematic")
+
+
+def arms(station: str, _simulation: bool) -> Arm:
+    return KinematicArm(load("panda"), realtime=station == "paced")
 
 
 class Foreign:
@@ -58,7 +61,7 @@ async def app(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[SkillSe
     settings = Settings(
         data=data,
         endpoint="opc.tcp://127.0.0.1:0",
-        workstations=(Workstation(driver="kinematic"), BARE),
+        workstations=(Workstation(driver="kinematic"), BARE, PACED),
         four_eyes=False,
     )
     async with await SkillLibrary.open(settings.database_address) as library:
@@ -72,7 +75,7 @@ async def app(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[SkillSe
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
 async def foreign(app: SkillServerApp) -> AsyncIterator[Foreign]:
     certificate = ensure_client_certificate(app.settings.data / "client", URI)
-    client = Client(app.endpoint, timeout=30)
+    client = Client(app.endpoint, timeout=30, watchdog_intervall=30.0)
     client.application_uri = URI
     client.set_user("engineer")
     client.set_password(PASSWORD)
@@ -232,6 +235,30 @@ async def test_after_a_protective_stop_nothing_starts_until_a_reset(foreign: For
     await foreign.call("Machines/ws1/Arm/Reset", "curtain is clear")
     _, state = await foreign.call("Machines/ws1/ExecuteSkill", "glue", "", production)
     assert state == "Queued"
+
+
+async def test_after_an_abort_the_next_job_goes_to_the_start_by_itself(
+    foreign: Foreign, app: SkillServerApp, learned: dict[str, Any]
+) -> None:
+    production = ua.Variant(2, ua.VariantType.Int32)
+    version = ua.Variant(1, ua.VariantType.UInt32)
+    await foreign.call("SkillLibrary/Deploy", "glue", version, "paced")
+    arm = app.jobs.stations["paced"].arm
+    home = np.array(arm.model.home)
+    job, _ = await foreign.call("Machines/paced/ExecuteSkill", "glue", "", production)
+    async with asyncio.timeout(LIMIT):
+        while np.abs(np.array(arm.state().joints) - home).max() < 0.05:
+            await asyncio.sleep(0.001)
+    await foreign.call("Machines/paced/AbortJob", job, "look")
+    async with asyncio.timeout(LIMIT):
+        while (await foreign.call("Machines/paced/GetJob", job)).State != "Aborted":
+            await asyncio.sleep(0.02)
+    assert np.abs(np.array(arm.state().joints) - home).max() > 0.01
+    again, _ = await foreign.call("Machines/paced/ExecuteSkill", "glue", "", production)
+    async with asyncio.timeout(LIMIT):
+        while (report := await foreign.call("Machines/paced/GetJob", again)).State not in ("Completed", "Failed"):
+            await asyncio.sleep(0.02)
+    assert (report.State, report.Failure.name) == ("Completed", "None_"), report.Message
 
 
 async def test_a_damaged_node_set_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
