@@ -144,7 +144,7 @@ class Screens:
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
-    """Debian's chromium. Not longer than a module: playwright's loop would be in the way of tests that have their own."""
+    """Debian's chromium, for one module: playwright's loop would be in the way of tests with a loop of their own."""
     with sync_playwright() as playwright:
         opened = playwright.chromium.launch(executable_path=CHROMIUM, args=list(FLAGS))
         yield opened
