@@ -122,6 +122,7 @@ class Station:
     atomic_skills: frozenset[str]
     lane: Lane
     simulation: Lane
+    stopped_unasked: bool = False
 
 
 Tell = Callable[[JobReport], Awaitable[None]]
@@ -188,6 +189,10 @@ class JobEngine:
 
     async def tell(self, report: JobReport) -> None:
         """Pass a change on; a listener's fault must not stop a job."""
+        station = self.stations.get(report.workstation)
+        ended_badly = report.state is JobState.FAILED or report.failure is Failure.PROTECTIVE_STOP
+        if station is not None and ended_badly and report.mode != "simulation" and report.start_time is not None:
+            station.stopped_unasked = True
         try:
             await self._tell(report)
         except Exception:
@@ -421,13 +426,16 @@ class JobEngine:
         )
 
     async def _come_home(self, name: str) -> None:
-        """Bring an arm that was stopped on its way slowly to where every run starts, as the first part of its next job.
+        """Bring an arm that was aborted on its way slowly to where every run starts, as the first part of its next job.
 
+        After a protective stop or a fault it stays where it is: then a person has to look first, and send it home.
         Raises StartRefused when the way is not free; what stops the arm stops this motion too.
         """
         station = self.stations[name]
         away = np.abs(np.array(station.arm.state().joints) - np.array(station.model.home)).max()
-        if away <= START_TOLERANCE or not ready_to_move(station.arm.state()):
+        if away <= START_TOLERANCE:
+            station.stopped_unasked = False
+        if away <= START_TOLERANCE or station.stopped_unasked or not ready_to_move(station.arm.state()):
             return
         planned = await self.plan_home(station)
         if isinstance(planned, PlanRefused):

@@ -10,7 +10,7 @@ from sim.arm import ArmFault, ArmMode, ArmModel, ArmState, CommandRefused, Progr
 from sim.arms import load
 from sim.plan import MotionPlan
 
-STILL = ArmState((0.0,) * 7, (0.4, 0.0, 0.3, 1.0, 0.0, 0.0, 0.0), True, ArmMode.IDLE, False, "", True)
+STILL = ArmState(load("panda").home, (0.4, 0.0, 0.3, 1.0, 0.0, 0.0, 0.0), True, ArmMode.IDLE, False, "", True)
 
 
 def trace(samples: int = 3, off: float = 1e-4) -> Trace:
