@@ -2,7 +2,7 @@
 
 Simulated people with known truth (five seeds), the LASA shapes and the strokes of twenty people where they are at
 hand. The peers run
-in an environment of their own, made at first use from ``learning_requirements.txt`` (``OPCUA_SKILL_PEERS`` names
+in an environment of their own, made at first use from ``requirements-bench.txt`` (``OPCUA_SKILL_PEERS`` names
 another Python that has them); where it cannot be made, the rows say so and compare with nothing.
 """
 
@@ -81,7 +81,7 @@ class Peers:
             self._make()
 
     def _make(self) -> None:
-        needed = str(Path(__file__).with_name("learning_requirements.txt"))
+        needed = str(Path(__file__).resolve().parents[1] / "requirements-bench.txt")
         try:
             subprocess.run([sys.executable, "-m", "venv", str(ENVIRONMENT)], check=True, capture_output=True)
             command = [str(self.python), "-m", "pip", "install", "--quiet", "-r", needed]

@@ -13,7 +13,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from library.description import Failure, JobReport, JobState, Recipe, SkillDescription, VersionState
+from library.description import Failure, JobReport, JobState, Parameter, Recipe, SkillDescription, VersionState
 from library.errors import InvalidValue
 from library.store import SkillLibrary
 from models.demonstration import Demonstration, Edits
@@ -275,6 +275,7 @@ class JobEngine:
                     actor=request.actor,
                     job_id=job_id,
                     based_on=request.based_on,
+                    parameters=MOTION_PARAMETER_RANGES,
                     default_recipe=self.default_recipe(request.skill_name),
                 )
                 report = await self._library.job(job_id)
@@ -484,6 +485,28 @@ class JobEngine:
                 if lane.holds(job_id):
                     return lane
         return None
+
+
+MOTION_PARAMETER_RANGES = (
+    Parameter(name="BlendRadius", description="rounds corners", unit="m", default=0.0, minimum=0.0, maximum=0.1),
+    Parameter(name="Corners", description="where constant speed is impossible: refuse or slow", default="slow"),
+    Parameter(
+        name="ChordTolerance",
+        description="the most by which straight lines between time steps may cut the path",
+        unit="m",
+        default=5e-5,
+        minimum=1e-6,
+        maximum=1e-2,
+    ),
+    Parameter(
+        name="TubeSigmas",
+        description="watch the skill's own spread: so many standard deviations; 0: not watched",
+        default=0.0,
+        minimum=0.0,
+        maximum=100.0,
+    ),
+    Parameter(name="TubePolicy", description="outside the tube: flag or stop", default="flag"),
+)
 
 
 def motion_parameters(recipe: Recipe) -> dict[str, Any]:

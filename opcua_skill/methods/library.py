@@ -243,7 +243,7 @@ class LibraryMethods:
         await self.tidings.version_changed(stored, caller().name, "imported")
         return (stored.name, stored.version)
 
-    @refusing(blame="Recipe")
+    @refusing(blame="Recipe", within="Recipe")
     async def put_recipe(self, given: Any) -> tuple[Any, ...]:
         """Store a recipe, new or changed."""
         checked = recipe(given)

@@ -50,10 +50,10 @@ NAMED = {
 BLAMED = {"demonstrations": "Demonstrations", "options": "Options", "edits": "Indices", "model": "Content"}
 
 
-def _at_fault(error: Exception) -> dict[str, int]:
+def _at_fault(error: Exception, within: str) -> dict[str, int]:
     """Return which argument an error points at, with its code."""
     if isinstance(error, NotFound):
-        return {NAMED.get(error.kind, ""): int(StatusCodes.BadNotFound)}
+        return {within or NAMED.get(error.kind, ""): int(StatusCodes.BadNotFound)}
     if isinstance(error, DigestDiffers):
         return {"ModelDigest": int(StatusCodes.BadOutOfRange)}
     if isinstance(error, MotionNotPossible):
@@ -67,9 +67,13 @@ def out_of_range(argument: str, reason: str) -> Refused:
 
 
 def refusing(
-    *, blame: str = "", fields: dict[str, str] | None = None
+    *, blame: str = "", fields: dict[str, str] | None = None, within: str = ""
 ) -> Callable[[Callable[..., Awaitable[Any]]], Callable[..., Awaitable[Any]]]:
-    """Translate what a method's work raises. ``blame``: the argument at fault for a bad value; ``fields`` maps more."""
+    """Translate what a method's work raises.
+
+    ``blame`` is the argument at fault for a bad value, ``fields`` maps more of them; ``within`` is the structure that
+    holds everything a method is given.
+    """
 
     def decorate(method: Callable[..., Awaitable[Any]]) -> Callable[..., Awaitable[Any]]:
         @wraps(method)
@@ -77,7 +81,7 @@ def refusing(
             try:
                 return await method(*arguments)
             except tuple(CODES) as error:
-                raise Refused(CODES[type(error)], str(error), arguments=_at_fault(error)) from error
+                raise Refused(CODES[type(error)], str(error), arguments=_at_fault(error, within)) from error
             except InvalidValue as error:
                 raise out_of_range((fields or {}).get(error.field, blame), str(error)) from error
             except LearningFailed as error:

@@ -216,6 +216,26 @@ async def test_equipment_without_the_atomic_skill_takes_no_deployment(
         await foreign.call("SkillLibrary/Deploy", "glue", ua.Variant(1, ua.VariantType.UInt32), "bare")
 
 
+async def test_a_recipe_sets_what_the_skill_declares(foreign: Foreign, learned: dict[str, Any]) -> None:
+    declared = {one["name"]: one for one in learned["parameters"]}
+    assert declared["BlendRadius"]["unit"] == "m"
+    (recipe,) = await foreign.call("SkillLibrary/ListRecipes", "glue")
+    recipe.RecipeId = "blended"
+    recipe.Parameters = [
+        ua.KeyValuePair(ua.QualifiedName("BlendRadius"), ua.Variant(0.001)),
+        ua.KeyValuePair(ua.QualifiedName("Corners"), ua.Variant("slow")),
+    ]
+    await foreign.call("SkillLibrary/PutRecipe", recipe)
+    stored = await foreign.call("SkillLibrary/GetRecipe", "blended")
+    assert {one.Key.Name: one.Value.Value for one in stored.Parameters} == {"BlendRadius": 0.001, "Corners": "slow"}
+    simulation = ua.Variant(0, ua.VariantType.Int32)
+    _, state = await foreign.call("Machines/ws1/ExecuteSkill", "glue", "blended", simulation)
+    assert state == "Queued"
+    recipe.Parameters = [ua.KeyValuePair(ua.QualifiedName("Corners"), ua.Variant("fast"))]
+    with pytest.raises(ua.uaerrors.BadInvalidArgument):
+        await foreign.call("SkillLibrary/PutRecipe", recipe)
+
+
 async def test_speed_override_is_obeyed_or_refused(foreign: Foreign, app: SkillServerApp) -> None:
     node = foreign.node("Machines/ws1/Arm/SpeedOverride")
     await node.write_value(ua.DataValue(ua.Variant(0.5, ua.VariantType.Double)))
