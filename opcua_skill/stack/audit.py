@@ -1,5 +1,6 @@
 """Who came to the door: sign-ins, refused sign-ins and refused certificates, as records and as audit events."""
 
+import base64
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -10,7 +11,7 @@ from asyncua.common import event_objects
 from asyncua.common.events import Event
 from asyncua.ua.status_codes import StatusCodes as Codes
 
-from opcua_skill.stack.values import SERVER, status, status_name
+from opcua_skill.stack.values import SERVER, node_id, status, status_name
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,4 +82,8 @@ def _fill(event: Event, message: str, source: str, server_uri: str, code: int, u
 
 
 def _session(session_id: str) -> ua.NodeId:
-    return ua.NodeId.from_string(session_id)
+    """Return the NodeId behind its text: asyncua takes a base64 identifier that begins with 0x for hexadecimal."""
+    namespace, opaque, identifier = session_id.partition(";b=")
+    if not opaque:
+        return ua.NodeId.from_string(session_id)
+    return node_id(base64.b64decode(identifier), int(namespace.removeprefix("ns=")))

@@ -106,5 +106,9 @@ async def _listen(witness: asyncio.subprocess.Process, running: Scene) -> None:
 
 
 def crowding() -> float:
-    """Return how many processes share each core, at least 1: on a crowded machine everybody waits longer."""
-    return max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1))
+    """Return by how much longer everybody may wait than on a quiet machine of its own.
+
+    A shared machine pauses for reasons of its own, and its load average tells of them late. A server that hangs is
+    caught all the same: it hangs for tens of seconds.
+    """
+    return 4.0 * max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1))

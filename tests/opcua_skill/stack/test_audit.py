@@ -1,12 +1,14 @@
 """Who comes to the door is recorded and told: sign-ins, refused sign-ins, refused certificates."""
 
+import base64
 from pathlib import Path
 
 import pytest
 from asyncua import ua
 
 from opcua_skill.security import TrustList
-from opcua_skill.stack.audit import SignInRecord
+from opcua_skill.stack.audit import SignInRecord, sign_in_event
+from opcua_skill.stack.values import node_id
 from tests.opcua_skill.stack.small_server import Bench
 from tests.opcua_skill.stack.test_events import listen
 
@@ -47,3 +49,9 @@ async def test_a_refused_certificate_is_told_with_the_certificate(bench: Bench, 
         assert event.Certificate == (tmp_path / "stranger" / "client.der").read_bytes()
     rejected = [one for one in TrustList(bench.server.security.folder).listed() if not one.trusted]
     assert len(rejected) == 1
+
+
+async def test_a_session_whose_id_looks_like_a_number_signs_in_like_any_other():
+    identifier = base64.b64decode("0xVk9Jeuk9LkdC8z6ywePg==")
+    told = SignInRecord("eve", "engineer", "password", "127.0.0.1", node_id(identifier, 1).to_string(), 0)
+    assert sign_in_event(told, "urn:test").SessionId == node_id(identifier, 1)
