@@ -28,7 +28,7 @@ async def test_the_operator_card_shows_arm_nozzle_and_path(planned):
     image = Image.open(io.BytesIO(await drawing))
     assert (image.format, image.height) == ("PNG", 760)
     assert image.width > 2000
-    assert longest < 0.5
+    assert longest < 1.5  # drawing takes many times longer: held up, it would show
     work = image.crop((768, 0, 1528, 760))
     assert pixels_near(work, (235, 110, 20)) > 500
     assert pixels_near(work, (40, 90, 200)) > 500

@@ -178,7 +178,7 @@ async def test_a_run_paced_like_a_real_arm_takes_its_time_and_leaves_the_event_l
             await asyncio.sleep(0.001)
             longest, last = max(longest, time.monotonic() - last), time.monotonic()
         assert plan.duration - 0.2 < last - began < plan.duration + 3.0
-        assert longest < 0.25
+        assert longest < 0.5 * plan.duration  # held up by the run, it would be all of it
 
 
 async def test_a_stop_from_75_millimetres_a_second_takes_at_most_five(planned):
