@@ -75,7 +75,8 @@ def check() -> None:
 TASKS = {
     "setup": lambda: None,
     "demo": lambda *rest: run(BIN / "opcua-skill", "demo", *rest),
-    "test": lambda *rest: run(BIN / "pytest", *rest),
+    # A file stays on one worker: its tests share a server.
+    "test": lambda *rest: run(BIN / "pytest", "--numprocesses=2", "--dist=loadfile", *rest),
     "check": check,
     "docs": lambda: run(BIN / "python", "docs/build.py"),
     "bench": lambda *rest: run(BIN / "opcua-skill", "bench", *rest),
