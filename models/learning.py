@@ -7,7 +7,7 @@ and ``models.paper``.
 # pyright: reportMissingTypeStubs=false, reportAttributeAccessIssue=false
 
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -87,7 +87,7 @@ def _learn(
         try:
             struck = edits.struck.get(name, frozenset())
             window = options.filter_window or FILTER_WINDOW
-            motions[index] = clean(demonstration, struck, window, options.preset == "recommended")
+            motions[index] = clean(demonstration, struck, window, options.preset != "paper")
         except SkillError as error:
             verdicts[index] = _left_out(name, str(error), "invalid")
     _check_units(motions, verdicts)
@@ -98,7 +98,7 @@ def _learn(
         raise TooFewDemonstrations(len(motions), 2, reasons)
     order = sorted(motions)
     tell(0.4, "aligning")
-    pipeline = fit_recommended if options.preset == "recommended" else fit_as_published
+    pipeline = fit_as_published if options.preset == "paper" else fit_recommended
     fitted = pipeline([motions[index] for index in order], options, tell)
     for row, index in enumerate(order):
         verdicts[index] = _verdict(demonstrations[index].demonstration_id, fitted, row)
@@ -127,7 +127,8 @@ def _learn(
     )
     every = tuple(verdicts[index] for index in range(len(demonstrations)))
     names = [demonstrations[index].demonstration_id for index in used]
-    report = _report(motion, fitted, names, every, options)
+    notes = (*fitted.notes, *_orientation_note([motions[index] for index in order]))
+    report = _report(motion, replace(fitted, notes=notes), names, every, options)
     tell(1.0, "learned")
     return LearnedMotion(motion, every, shown, report)
 
@@ -214,6 +215,17 @@ def _raw_phases(demonstration: Demonstration, motion: CleanMotion, times: Floats
     own = demonstration.times - demonstration.times[0]
     found = np.interp(own, np.maximum.accumulate(times[known]), phases[known])
     return np.where(motion.used, found, np.nan)
+
+
+def _orientation_note(motions: Sequence[CleanMotion]) -> tuple[str, ...]:
+    """Return what is to be said where only some of the motions carry the tool's orientation."""
+    without = [motion.demonstration_id for motion in motions if motion.orientations is None]
+    if not without or len(without) == len(motions):
+        return ()
+    return (
+        f"{len(without)} of {len(motions)} demonstrations carry no tool orientation ({', '.join(without[:3])}), so "
+        "none was learned: record it in all of them, or exclude those without",
+    )
 
 
 def _report(

@@ -5,7 +5,7 @@ from typing import Literal
 
 from models.errors import OptionOutOfRange
 
-Preset = Literal["recommended", "paper"]
+Preset = Literal["recommended", "free", "paper"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,7 +18,7 @@ class LearningOptions:
     latter's; ``clock``: components over the ``path`` or over ``time``; ``reject_outliers``: leave out demonstrations
     that do not fit the others; ``time_step`` in s of the reported path; ``seed`` of whatever is drawn at random;
     ``place``: ``plate`` keeps each demonstration where it was drawn, ``free`` moves, turns and scales them onto each
-    other.
+    other. The preset ``free`` is ``recommended`` with ``place`` free.
     """
 
     preset: Preset = "recommended"
@@ -34,7 +34,7 @@ class LearningOptions:
 
     def __post_init__(self) -> None:
         for name, allowed in (
-            ("preset", ("recommended", "paper")),
+            ("preset", ("recommended", "free", "paper")),
             ("alignment", ("", "dtw", "fastdtw")),
             ("clock", ("", "path", "time")),
             ("place", ("plate", "free")),
@@ -52,3 +52,7 @@ class LearningOptions:
             value = getattr(self, name)
             if not 0 <= value <= most:
                 raise OptionOutOfRange(f"{name} is {value:g}{unit}: it has to be between 0 and {most:g}{unit}")
+        if self.preset == "free":
+            object.__setattr__(self, "place", "free")
+        if self.preset == "paper" and self.place == "free":
+            raise OptionOutOfRange("place is 'free': the paper's preset keeps demonstrations where they were drawn")

@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from models.demonstration import Bools, Demonstration, Floats
+from models.motion import Motion
 
 Mode = Literal["simulation", "test", "production"]
 MODES: tuple[Mode, ...] = ("simulation", "test", "production")
@@ -40,9 +41,12 @@ FAILURES = (
 
 @dataclass(frozen=True, slots=True)
 class LearningOptions:
-    """How to learn. Empty or 0 means the preset's own value; ``filter_window`` and ``time_step`` in s."""
+    """How to learn. Empty or 0 means the preset's own value; ``filter_window`` and ``time_step`` in s.
 
-    preset: Literal["recommended", "paper"] = "recommended"
+    ``free`` is ``recommended`` for a task that may be shown anywhere, at any size and turn.
+    """
+
+    preset: Literal["recommended", "free", "paper"] = "recommended"
     components: int = 0
     filter_window: float = 0.0
     alignment: Literal["", "dtw", "fastdtw"] = ""
@@ -108,6 +112,20 @@ class Skill:
             means=np.asarray(document["means"], dtype=np.float64),
             covariances=np.asarray(document["covariances"], dtype=np.float64),
             document=MappingProxyType(dict(document)),
+        )
+
+    def motion(self) -> Motion:
+        """Return the learned motion, equal bit for bit to the server's: path, timing and orientation at any phase."""
+        keys = self.document
+        return Motion(
+            means=self.means,
+            covariances=self.covariances,
+            clock=keys["clock"],
+            dimension=int(keys["dimension"]),
+            duration=float(keys["duration"]),
+            dispense=tuple((float(start), float(end)) for start, end in keys.get("dispense") or ()),
+            time_step=float(keys["timeStep"]),
+            covariance_rule=keys["covarianceRule"],
         )
 
     @property

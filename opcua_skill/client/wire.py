@@ -64,21 +64,29 @@ def moment(value: Any) -> datetime | None:
 
 
 def demonstration_out(structures: Structures, value: Demonstration) -> Any:
-    """Return a `DemonstrationDataType`; a push button that was always on is sent empty."""
-    return structures("DemonstrationDataType")(
-        DemonstrationId=value.demonstration_id,
-        Dimension=value.dimension,
-        Times=np.asarray(value.times, dtype=np.float64).tolist(),
-        Positions=np.asarray(value.points, dtype=np.float64).ravel().tolist(),
-        Triggers=[] if bool(np.all(value.triggers)) else np.asarray(value.triggers, dtype=bool).tolist(),
-        Operator=value.operator,
-        Source=value.source,
-        RecordedAt=value.recorded_at or OPC_UA_EPOCH,
-    )
+    """Return a `DemonstrationDataType`, or a `PoseDemonstrationDataType` where the tool's orientation was recorded.
+
+    A push button that was always on is sent empty.
+    """
+    fields: dict[str, Any] = {
+        "DemonstrationId": value.demonstration_id,
+        "Dimension": value.dimension,
+        "Times": np.asarray(value.times, dtype=np.float64).tolist(),
+        "Positions": np.asarray(value.points, dtype=np.float64).ravel().tolist(),
+        "Triggers": [] if bool(np.all(value.triggers)) else np.asarray(value.triggers, dtype=bool).tolist(),
+        "Operator": value.operator,
+        "Source": value.source,
+        "RecordedAt": value.recorded_at or OPC_UA_EPOCH,
+    }
+    if value.orientations is None:
+        return structures("DemonstrationDataType")(**fields)
+    orientations = np.asarray(value.orientations, dtype=np.float64).ravel().tolist()
+    return structures("PoseDemonstrationDataType")(**fields, Orientations=orientations)
 
 
 def demonstration_in(value: Any) -> Demonstration:
-    """Return the `Demonstration` in a `DemonstrationDataType`."""
+    """Return the `Demonstration` in a `DemonstrationDataType` or a subtype of it."""
+    turned = getattr(value, "Orientations", None)
     times = np.asarray(value.Times, dtype=np.float64)
     triggers = np.asarray(value.Triggers, dtype=bool) if value.Triggers else np.ones(len(times), dtype=bool)
     return Demonstration(
@@ -94,6 +102,7 @@ def demonstration_in(value: Any) -> Demonstration:
 
 def options_out(structures: Structures, value: LearningOptions) -> Any:
     """Return a `LearningOptionsDataType`."""
+        orientations=np.asarray(turned, dtype=np.float64).reshape(len(times), 4) if turned else None,
     return structures("LearningOptionsDataType")(
         Preset=value.preset,
         Components=value.components,

@@ -20,6 +20,7 @@ from opcua_skill.stack.calls import Refused
 
 NO_TIME = datetime(1601, 1, 1, tzinfo=UTC)
 NEEDED = 2
+UNIT_TOLERANCE = 0.01
 
 
 @dataclass(frozen=True)
@@ -94,6 +95,8 @@ def _fault(item: Any) -> str:
         return "it holds NaN or infinity"
     if not (np.diff(times) > 0).all():
         return f"its times do not increase at sample {int(np.argmin(np.diff(times) > 0)) + 1}"
+    if fault := _orientation_fault(_orientations(item), samples):
+        return fault
     try:
         for field in ("DemonstrationId", "Operator", "Source"):
             check_text(getattr(item, field), field, 512)
@@ -102,7 +105,30 @@ def _fault(item: Any) -> str:
     return ""
 
 
+def _orientations(item: Any) -> Sequence[float]:
+    """Return the quaternions that only a `PoseDemonstrationDataType` carries, flat."""
+    return getattr(item, "Orientations", ())
+
+
+def _orientation_fault(flat: Sequence[float], samples: int) -> str:
+    if not len(flat):
+        return ""
+    if len(flat) != 4 * samples:
+        return (
+            f"{samples} samples need {4 * samples} values of orientation (x y z w each) or none, {len(flat)} were sent"
+        )
+    quaternions = np.array(flat, dtype=np.float64).reshape(samples, 4)
+    if not np.isfinite(quaternions).all():
+        return "its orientations hold NaN or infinity"
+    lengths = np.sqrt((quaternions * quaternions).sum(axis=1))
+    wrong = np.flatnonzero(np.abs(lengths - 1.0) > UNIT_TOLERANCE)
+    if len(wrong):
+        return f"its orientation at sample {wrong[0]} has length {lengths[wrong[0]]:.3g}: a unit quaternion has 1"
+    return ""
+
+
 def _demonstration(name: str, item: Any) -> Demonstration:
+    turned = _orientations(item)
     times = np.array(item.Times, dtype=np.float64)
     triggers = np.array(item.Triggers, dtype=bool) if item.Triggers else np.ones(len(times), dtype=bool)
     return Demonstration(
@@ -113,21 +139,26 @@ def _demonstration(name: str, item: Any) -> Demonstration:
         operator=item.Operator,
         source=item.Source,
         recorded_at=_moment(item.RecordedAt),
+        orientations=np.array(turned, dtype=np.float64).reshape(len(times), 4) if len(turned) else None,
     )
 
 
 def wire_demonstration(one: Demonstration) -> Any:
-    """Return a recording as it goes over the wire."""
-    return ua.DemonstrationDataType(  # type: ignore[attr-defined]
-        DemonstrationId=one.demonstration_id,
-        Dimension=one.dimension,
-        Times=one.times.tolist(),
-        Positions=one.points.ravel().tolist(),
-        Triggers=one.triggers.tolist(),
-        Operator=one.operator,
-        Source=one.source,
-        RecordedAt=wire_moment(one.recorded_at),
-    )
+    """Return a recording as it goes over the wire, with the tool's orientation where it was recorded."""
+    fields: dict[str, Any] = {
+        "DemonstrationId": one.demonstration_id,
+        "Dimension": one.dimension,
+        "Times": one.times.tolist(),
+        "Positions": one.points.ravel().tolist(),
+        "Triggers": one.triggers.tolist(),
+        "Operator": one.operator,
+        "Source": one.source,
+        "RecordedAt": wire_moment(one.recorded_at),
+    }
+    if one.orientations is None:
+        return ua.DemonstrationDataType(**fields)  # type: ignore[attr-defined]
+    turned = one.orientations.ravel().tolist()
+    return ua.PoseDemonstrationDataType(**fields, Orientations=turned)  # type: ignore[attr-defined]
 
 
 def wire_aligned(one: AlignedDemonstration) -> Any:

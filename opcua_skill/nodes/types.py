@@ -44,7 +44,16 @@ DEMONSTRATION = (
     Field("RecordedAt", DATE_TIME, description="when it was recorded"),
 )
 LEARNING_OPTIONS = (
-    Field("Preset", STRING, description="recommended or paper; empty: recommended"),
+POSE_DEMONSTRATION = (
+    *DEMONSTRATION,
+    Field(
+        "Orientations",
+        DOUBLE,
+        array=True,
+        description="unit quaternions of the tool in the part's frame, row-major, x y z w a sample; empty: none",
+    ),
+)
+    Field("Preset", STRING, description="recommended, free or paper; empty: recommended"),
     Field("Components", UINT16, description="0: choose"),
     Field("FilterWindow", DOUBLE, description="s; 0: the preset's"),
     Field("Alignment", STRING, description="dtw or fastdtw; empty: the preset's"),
@@ -181,10 +190,11 @@ EVENT_TYPES: tuple[tuple[str, str, tuple[tuple[str, ua.VariantType], ...]], ...]
 )
 
 
-async def _structure(tree: Tree, name: str, fields: tuple[Field, ...]) -> ua.NodeId:
-    """Add a structure with its binary encoding and register its Python class, so that the server can decode it."""
+async def _structure(tree: Tree, name: str, fields: tuple[Field, ...], base: str = "") -> ua.NodeId:
+    """Add a structure with its binary encoding; ``base`` is the structure whose fields ``fields`` begin with."""
     server = tree.server
-    data_type = await server.nodes.base_structure_type.add_data_type(tree.type_id(name), tree.name(name))
+    above = server.get_node(tree.type_id(base)) if base else server.nodes.base_structure_type
+    data_type = await above.add_data_type(tree.type_id(name), tree.name(name))
     encoding = tree.type_id(f"{name}/Default Binary")
     attributes = ua.ObjectAttributes()
     attributes.DisplayName = ua.LocalizedText("Default Binary")
@@ -198,7 +208,7 @@ async def _structure(tree: Tree, name: str, fields: tuple[Field, ...]) -> ua.Nod
     server.iserver.node_mgt_service.add_nodes([item])[0].StatusCode.check()
     definition = ua.StructureDefinition()
     definition.StructureType = ua.StructureType.Structure
-    definition.BaseDataType = standard(ObjectIds.Structure)
+    definition.BaseDataType = above.nodeid
     definition.DefaultEncodingId = encoding
     definition.Fields = [
         new_struct_field(field.name, field.data_type, array=field.array, description=field.description)
@@ -269,3 +279,4 @@ async def add_types(tree: Tree) -> None:
         tree.object_type(name, standard(base), description)
     for name, description, event_fields in EVENT_TYPES:
         _event_type(tree, name, description, event_fields)
+    await _structure(tree, "PoseDemonstrationDataType", POSE_DEMONSTRATION, base="DemonstrationDataType")

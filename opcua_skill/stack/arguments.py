@@ -47,14 +47,14 @@ def builtin_types(aspace: AddressSpace, data_type: ua.NodeId) -> frozenset[int]:
 def compile_check(aspace: AddressSpace, data_type: ua.NodeId, rank: int) -> ArgumentCheck:
     """Return the check for one argument: right built-in type, right rank, right structure class, known enum value."""
     allowed = builtin_types(aspace, data_type)
-    structure = ua.extension_objects_by_datatype.get(data_type)
+    structures = _classes(aspace, data_type)
     enumeration = ua.enums_by_datatype.get(data_type)
     empty: Any = {12: "", 15: b""}.get(next(iter(allowed))) if len(allowed) == 1 else None
     is_structure = allowed == {22}
 
     def element(value: Any) -> tuple[bool, Any]:
         if is_structure:
-            fits = isinstance(value, structure) if structure else value is not None
+            fits = isinstance(value, structures) if structures else value is not None
             return fits, _without_nulls(value) if fits else value
         if enumeration is not None:
             return _is_member(enumeration, value), value
@@ -81,6 +81,20 @@ def compile_check(aspace: AddressSpace, data_type: ua.NodeId, rank: int) -> Argu
         return all(fits for fits, _ in checked), [value for _, value in checked]
 
     return check_scalar if rank < 0 else check_array
+
+
+def _classes(aspace: AddressSpace, data_type: ua.NodeId) -> tuple[type, ...]:
+    """Return the Python classes of a structure and of its subtypes: OPC UA takes a subtype wherever its base stands."""
+    own = ua.extension_objects_by_datatype.get(data_type)
+    if own is None:
+        return ()
+    found, waiting = [own], [data_type]
+    while waiting:
+        node = aspace.get(waiting.pop())
+        below = [r.NodeId for r in node.references if r.ReferenceTypeId == _HAS_SUBTYPE and r.IsForward] if node else []
+        waiting += below
+        found += [ua.extension_objects_by_datatype[one] for one in below if one in ua.extension_objects_by_datatype]
+    return tuple(found)
 
 
 def output_variant(aspace: AddressSpace, data_type: ua.NodeId, rank: int, value: Any) -> ua.Variant:
