@@ -97,12 +97,12 @@ def demonstration_in(value: Any) -> Demonstration:
         operator=value.Operator or "",
         source=value.Source or "",
         recorded_at=moment(value.RecordedAt),
+        orientations=np.asarray(turned, dtype=np.float64).reshape(len(times), 4) if turned else None,
     )
 
 
 def options_out(structures: Structures, value: LearningOptions) -> Any:
     """Return a `LearningOptionsDataType`."""
-        orientations=np.asarray(turned, dtype=np.float64).reshape(len(times), 4) if turned else None,
     return structures("LearningOptionsDataType")(
         Preset=value.preset,
         Components=value.components,

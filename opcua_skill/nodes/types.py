@@ -43,7 +43,6 @@ DEMONSTRATION = (
     Field("Source", STRING, description="tracker or file"),
     Field("RecordedAt", DATE_TIME, description="when it was recorded"),
 )
-LEARNING_OPTIONS = (
 POSE_DEMONSTRATION = (
     *DEMONSTRATION,
     Field(
@@ -53,6 +52,7 @@ POSE_DEMONSTRATION = (
         description="unit quaternions of the tool in the part's frame, row-major, x y z w a sample; empty: none",
     ),
 )
+LEARNING_OPTIONS = (
     Field("Preset", STRING, description="recommended, free or paper; empty: recommended"),
     Field("Components", UINT16, description="0: choose"),
     Field("FilterWindow", DOUBLE, description="s; 0: the preset's"),
@@ -274,9 +274,9 @@ async def add_types(tree: Tree) -> None:
         ("JobReportDataType", _job_report(failure)),
     ):
         await _structure(tree, name, fields)
+    await _structure(tree, "PoseDemonstrationDataType", POSE_DEMONSTRATION, base="DemonstrationDataType")
     await tree.server.load_data_type_definitions()
     for name, base, description in OBJECT_TYPES:
         tree.object_type(name, standard(base), description)
     for name, description, event_fields in EVENT_TYPES:
         _event_type(tree, name, description, event_fields)
-    await _structure(tree, "PoseDemonstrationDataType", POSE_DEMONSTRATION, base="DemonstrationDataType")
