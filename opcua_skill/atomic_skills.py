@@ -4,6 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from models.demonstration import Demonstration
+from sim.arm import ArmModel
+from sim.checks import LONGEST_STEP, SHORTEST_STEP
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,8 +39,8 @@ FOLLOW_PATH = AtomicSkill(
     "FollowPath",
     "move the tool tip along a path at given time steps",
     (
-        SkillParameter("TimeStep", "s", "SEC", 0.0005, 0.1, 0.008, "time between two commanded samples"),
-        SkillParameter("Speed", "m/s", "MTS", 0.0, 5.0, 0.05, "speed of the tool tip, for constant speed"),
+        SkillParameter("TimeStep", "s", "SEC", SHORTEST_STEP, LONGEST_STEP, 0.008, "time between commanded samples"),
+        SkillParameter("Speed", "m/s", "MTS", 0.0, 1.0, 0.05, "speed of the tool tip, for constant speed"),
         SkillParameter("MaxDeviation", "m", "MTR", 0.0, 1.0, 0.001, "largest distance from the path that is tolerated"),
     ),
 )
@@ -47,9 +49,10 @@ DISPENSE = AtomicSkill(
     "open and close the dispensing valve",
     (
         SkillParameter("Standoff", "m", "MTR", 0.0, 0.5, 0.005, "distance of the nozzle tip from the part"),
-        SkillParameter("DispenseLead", "s", "SEC", -5.0, 5.0, 0.0, "how much earlier the valve switches"),
+        SkillParameter("DispenseLead", "s", "SEC", -1.0, 1.0, 0.0, "how much earlier the valve switches"),
     ),
 )
+MOTIONS = (MOVE_TO.name, FOLLOW_PATH.name)
 KNOWN = {skill.name: skill for skill in (MOVE_TO, FOLLOW_PATH, DISPENSE)}
 DISPENSING_WORDS = ("glu", "dispens", "seal", "adhesive", "solder", "paint", "grease")
 
@@ -57,6 +60,11 @@ DISPENSING_WORDS = ("glu", "dispens", "seal", "adhesive", "solder", "paint", "gr
 def described(name: str) -> AtomicSkill:
     """Return what is known of an atomic skill; one of the plant's own has a name and no parameters yet."""
     return KNOWN.get(name, AtomicSkill(name, "process skill of the equipment", ()))
+
+
+def motions_of(model: ArmModel) -> tuple[str, ...]:
+    """Return what an arm can do without process equipment: what its nozzle dispenses comes from a dispenser."""
+    return tuple(name for name in model.atomic_skills if name in MOTIONS)
 
 
 def required_atomic_skills(semantic_type: str, demonstrations: Sequence[Demonstration]) -> tuple[str, ...]:

@@ -6,7 +6,7 @@ from typing import Any
 from asyncua import ua
 from asyncua.ua.object_ids import ObjectIds
 
-from opcua_skill.atomic_skills import SkillParameter, described
+from opcua_skill.atomic_skills import SkillParameter, described, motions_of
 from opcua_skill.methods.workstation import WorkstationMethods
 from opcua_skill.nodes.library import COMMENT, JOB_ID, OPERATORS, READERS, RECIPE_ID, SKILL, STATE, method
 from opcua_skill.nodes.skills import SkillNodes
@@ -127,7 +127,7 @@ def _add_equipment(tree: Tree, path: str, root: ua.NodeId, settings: Workstation
     folder = standard(ObjectIds.FolderType)
     equipment = tree.object(f"{path}/Equipment", root, type_definition=folder, description="what stands here")
     atomic = tree.object(f"{path}/AtomicSkills", root, type_definition=folder, description="what can be done here")
-    items = [("Arm", model.manufacturer, model.model, tuple(model.atomic_skills))]
+    items = [("Arm", model.manufacturer, model.model, motions_of(model))]
     items += [(item.name, item.manufacturer, item.model, item.atomic_skills) for item in settings.equipment]
     given: dict[str, ua.NodeId] = {}
     for name, manufacturer, model_name, skills in items:
@@ -145,6 +145,7 @@ def _add_equipment(tree: Tree, path: str, root: ua.NodeId, settings: Workstation
                 ("JointPositionMaximum", limits.upper),
                 ("JointVelocityMaximum", limits.velocity),
                 ("JointAccelerationMaximum", limits.acceleration),
+                ("JointJerkMaximum", limits.jerk),
             ):
                 tree.property(f"{place}/{label}", node, numbers(values), description="one value a joint, rad and s")
         for skill in skills:

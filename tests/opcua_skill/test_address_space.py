@@ -148,7 +148,7 @@ async def test_node_ids_equal_browse_paths(foreign: Foreign) -> None:
 async def test_parameters_of_atomic_skills_have_unit_and_range(foreign: Foreign) -> None:
     path = "Machines/ws1/AtomicSkills/FollowPath/TimeStep"
     span, unit = await foreign.read(f"{path}/EURange"), await foreign.read(f"{path}/EngineeringUnits")
-    assert (span.Low, span.High) == (0.0005, 0.1)
+    assert (span.Low, span.High) == (0.001, 0.02)
     assert (unit.DisplayName.Text, unit.UnitId) == ("s", int.from_bytes(b"SEC", "big"))
     assert set(await foreign.read("Machines/ws1/Equipment/Dispenser/AtomicSkills")) == {"Dispense"}
 

@@ -1,0 +1,141 @@
+"""Execution jobs: checked completely before they are queued, and run on a lane exactly as they were checked."""
+
+import logging
+from collections.abc import Awaitable, Callable, Sequence
+from datetime import UTC, datetime
+from typing import Literal
+
+from library.description import Failure, JobReport, JobState, Recipe, SkillDescription, VersionState
+from library.store import SkillLibrary
+from opcua_skill.computations import PlanRefused
+from opcua_skill.jobs.ids import new_job_id
+from opcua_skill.jobs.planning import Planning
+from opcua_skill.jobs.reasons import LacksAtomicSkill, MotionNotPossible, NotExecutable, QueueFull
+from opcua_skill.jobs.station import Station, ready_to_move
+from opcua_skill.lane import Lane, Order
+from opcua_skill.settings import Settings
+from sim.arm import StartRefused
+from sim.plan import Finding
+
+Mode = Literal["simulation", "test", "production"]
+TEST_SPEED = 0.25
+TOLD_FINDINGS = 5
+
+_log = logging.getLogger(__name__)
+
+
+class ExecutionJobs:
+    """The jobs that move an arm, or a simulation of it."""
+
+    def __init__(
+        self,
+        library: SkillLibrary,
+        settings: Settings,
+        planning: Planning,
+        tell: Callable[[JobReport], Awaitable[None]],
+    ) -> None:
+        self._library = library
+        self._settings = settings
+        self._planning = planning
+        self._tell = tell
+
+    async def execute(self, station: Station, skill_name: str, recipe: Recipe, mode: Mode, actor: str) -> JobReport:
+        """Check a run completely, then queue it. Nothing has moved when this returns.
+
+        Raises QueueFull, NotExecutable, LacksAtomicSkill, MotionNotPossible, and the library's NotFound.
+        """
+        lane = station.simulation if mode == "simulation" else station.lane
+        description = await self._version_for(station, skill_name, recipe, mode)
+        missing = set(description.required_atomic_skills) - station.atomic_skills
+        if missing:
+            raise LacksAtomicSkill(f"{station.name} lacks the atomic skill {', '.join(sorted(missing))}")
+        if lane is station.lane:
+            station.check_ready()
+        self._room_on(lane)
+        planned = await self._planning.plan(station, description, recipe, TEST_SPEED if mode == "test" else 1.0)
+        report = JobReport(
+            job_id=new_job_id("run"),
+            kind="Execution",
+            skill_name=skill_name,
+            skill_version=description.version,
+            recipe_id=recipe.recipe_id,
+            mode=mode,
+            workstation=station.name,
+            actor=actor,
+        )
+        if isinstance(planned, PlanRefused):
+            raise MotionNotPossible(await self._refused(report, planned.findings))
+        self._room_on(lane)
+        notes = _words(planned.findings)
+        told = {"path_error": planned.path_error, "samples": planned.samples, "message": notes}
+        report = report.model_copy(update=told)
+        lane.reserve()
+        try:
+            await self._library.add_job(report)
+        except BaseException:
+            lane.release()
+            raise
+        await self._tell(report)
+        lane.put(Order(report.job_id, planned, notes))
+        return report
+
+    def _room_on(self, lane: Lane) -> None:
+        if lane.waiting >= self._settings.limits.max_queued_jobs:
+            raise QueueFull(f"{lane.waiting} jobs are waiting: try again when one has ended")
+
+    async def _refused(self, report: JobReport, findings: Sequence[Finding]) -> JobReport:
+        """Write down a refused run: a failed job that never moved, so that its reason and place can be read."""
+        await self._library.add_job(report)
+        failed = await self._library.move_job(
+            report.job_id,
+            JobState.FAILED,
+            failure=Failure(findings[0].code),
+            message=_words(findings),
+            end_time=datetime.now(UTC),
+        )
+        await self._tell(failed)
+        return failed
+
+    async def _version_for(self, station: Station, skill_name: str, recipe: Recipe, mode: Mode) -> SkillDescription:
+        """Return the version a run is of, or say why none may run in this mode."""
+        await self._library.description(skill_name)
+        deployed = await self._library.deployed(skill_name, station.name)
+        if mode == "production":
+            if deployed is None:
+                raise NotExecutable(
+                    Failure.NOT_DEPLOYED, f"{skill_name} is not deployed on {station.name}: deploy it first"
+                )
+            if recipe.skill_version not in (0, deployed):
+                raise NotExecutable(
+                    Failure.NOT_DEPLOYED,
+                    f"recipe {recipe.recipe_id} is for version {recipe.skill_version}, deployed is version {deployed}",
+                )
+            return await self._library.description(skill_name, deployed)
+        description = await self._library.description(skill_name, recipe.skill_version or deployed or 0)
+        if mode == "test" and description.state is not VersionState.APPROVED:
+            raise NotExecutable(
+                Failure.NOT_APPROVED,
+                f"{skill_name} version {description.version} is {description.state.value}: only an approved one runs",
+            )
+        return description
+
+    async def come_home(self, station: Station) -> None:
+        """Bring an arm that was aborted on its way slowly to where every run starts, as the first part of its next job.
+
+        After a protective stop or a fault it stays where it is: then a person has to look first, and send it home.
+        Raises StartRefused when the way is not free; what stops the arm stops this motion too.
+        """
+        if station.is_home:
+            station.stopped_unasked = False
+        if station.is_home or station.stopped_unasked or not ready_to_move(station.arm.state()):
+            return
+        planned = await self._planning.plan_home(station)
+        if isinstance(planned, PlanRefused):
+            first = planned.findings[0]
+            raise StartRefused(first.code, f"the way to the start is not free: {first.text}")
+        _log.info("the arm of %s goes to the start first", station.name)
+        await station.arm.run(planned, lambda _: None)
+
+
+def _words(findings: Sequence[Finding]) -> str:
+    return "; ".join(finding.text for finding in findings[:TOLD_FINDINGS])[:4000]

@@ -1,0 +1,87 @@
+"""Plans, paths and trace files, each made in a worker process: the server's own never computes them."""
+
+from library.description import Recipe, SkillDescription
+from models.motion import Trajectory
+from opcua_skill.computations import (
+    PlanRefused,
+    plan_skill,
+    plan_way_home,
+    ready,
+    trajectory_as_learned,
+    trajectory_of_plan,
+    write_trace,
+)
+from opcua_skill.jobs.motion_parameters import motion_order
+from opcua_skill.jobs.station import Station
+from opcua_skill.settings import Settings
+from opcua_skill.workers import Workers
+from sim.arm import Trace
+from sim.plan import MotionPlan
+
+PLANNING_SECONDS = 30.0
+
+
+class Planning:
+    """What is computed about motions of one server. Every method raises WorkerDied or WorkerTimeout by name."""
+
+    def __init__(self, settings: Settings) -> None:
+        self._settings = settings
+        self._workers = Workers(1, "planning")
+
+    async def warm_up(self) -> None:
+        """Let the workers import what the first plan needs."""
+        await self._workers.warm_up(ready)
+
+    def close(self) -> None:
+        """End every worker, whatever it does."""
+        self._workers.close()
+
+    async def plan(
+        self, station: Station, description: SkillDescription, recipe: Recipe, speed_fraction: float = 1.0
+    ) -> MotionPlan | PlanRefused:
+        """Plan and check a run on a station's arm."""
+        return await self._workers.run(
+            f"planning {description.name}",
+            plan_skill,
+            description.motion(),
+            motion_order(recipe, speed_fraction),
+            station.model.name,
+            description.model_digest,
+            recipe.recipe_id,
+            station.cell,
+            seconds=PLANNING_SECONDS,
+        )
+
+    async def plan_home(self, station: Station) -> MotionPlan | PlanRefused:
+        """Plan the way from where an arm stands to where every run starts."""
+        joints = tuple(station.arm.state().joints)
+        what = f"planning the way home on {station.name}"
+        return await self._workers.run(
+            what, plan_way_home, station.model.name, joints, station.cell, seconds=PLANNING_SECONDS
+        )
+
+    async def trajectory(self, description: SkillDescription, time_step: float) -> Trajectory:
+        """Return the path with the people's own timing, at ``time_step`` s (0: the learned one)."""
+        what = f"reproducing {description.name}"
+        return await self._workers.run(
+            what, trajectory_as_learned, description.motion(), time_step, seconds=PLANNING_SECONDS
+        )
+
+    async def recipe_trajectory(
+        self, station: Station, description: SkillDescription, recipe: Recipe
+    ) -> Trajectory | PlanRefused:
+        """Return the path in the part's frame with a recipe's timing, as a station's arm would run it."""
+        planned = await self.plan(station, description, recipe)
+        if isinstance(planned, PlanRefused):
+            return planned
+        motion = description.motion()
+        what = f"reproducing {description.name}"
+        return await self._workers.run(what, trajectory_of_plan, motion, planned, seconds=PLANNING_SECONDS)
+
+    async def keep_trace(self, job_id: str, trace: Trace) -> None:
+        """Write the whole trace of a run into files: joints, valve and override too."""
+        formats = self._settings.trace_files
+        if formats:
+            folder = self._settings.data / "traces"
+            what = f"writing the trace of {job_id}"
+            await self._workers.run(what, write_trace, trace, folder, job_id, formats, seconds=PLANNING_SECONDS)
