@@ -13,12 +13,14 @@ from library.description import AuditEntry, JobReport, SkillDescription
 from library.store import SkillLibrary
 from opcua_skill.arm_lock import ArmLock, LockedByAnother
 from opcua_skill.jobs import ArmFactory, JobEngine, Station, ready_to_move
+from opcua_skill.methods.audit import AuditMethods
 from opcua_skill.methods.edits import EditMethods
 from opcua_skill.methods.homing import HomingMethods
 from opcua_skill.methods.library import LibraryMethods
 from opcua_skill.methods.refusals import Code
 from opcua_skill.methods.values import audit_value
 from opcua_skill.methods.workstation import WorkstationMethods
+from opcua_skill.nodes.audit import add_audit
 from opcua_skill.nodes.edits import add_edits
 from opcua_skill.nodes.homing import add_homing
 from opcua_skill.nodes.library import add_library
@@ -114,6 +116,7 @@ class SkillServerApp:
         methods = LibraryMethods(self.library, self.jobs, settings, self._tidings)
         await add_library(self._tree, methods, settings.limits)
         await add_edits(self._tree, EditMethods(self.library, self.jobs, settings))
+        await add_audit(self._tree, AuditMethods(self.library))
         await self.jobs.start()
         for workstation in settings.workstations:
             await self._add_workstation(workstation.name)

@@ -6,6 +6,7 @@ from opcua_skill.client.session import Event, Session
 from opcua_skill.client.skills import SkillClient
 from opcua_skill.client.values import (
     ENDED,
+    AuditEntry,
     JobReport,
     JobTrace,
     Learned,
@@ -25,6 +26,7 @@ __all__ = [
     "APPLICATION_URI",
     "ENDED",
     "ArmReading",
+    "AuditEntry",
     "ClientError",
     "DeployedModel",
     "Event",

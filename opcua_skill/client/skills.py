@@ -13,6 +13,7 @@ from opcua_skill.client import wire
 from opcua_skill.client.errors import TookTooLong
 from opcua_skill.client.session import Event, Session
 from opcua_skill.client.values import (
+    AuditEntry,
     JobReport,
     Learned,
     LearningOptions,
@@ -290,6 +291,13 @@ class SkillClient:
     async def job(self, job_id: str) -> JobReport:
         """Return the report of a learning job; for a motion ask its workstation."""
         return await ask_report(self.session, LIBRARY, job_id)
+
+    async def audit_trail(self, before: int = 0, limit: int = 100) -> list[AuditEntry]:
+        """Return the newest entries of the audit trail, or those before an entry, the newest first."""
+        [values] = await self.session.call(
+            LIBRARY, "GetAuditTrail", Before=wire.uint64(before), Limit=wire.uint32(limit)
+        )
+        return [wire.audit_entry_in(value) for value in values or ()]
 
     @contextlib.asynccontextmanager
     async def events(self) -> AsyncIterator["asyncio.Queue[Event]"]:

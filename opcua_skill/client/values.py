@@ -218,6 +218,21 @@ class JobTrace:
 
 
 @dataclass(frozen=True, slots=True)
+class AuditEntry:
+    """One entry of the audit trail: who asked for what, and what came of it; ``reason`` is empty when it was done."""
+
+    entry_id: int
+    at: datetime | None
+    actor: str
+    role: str
+    action: str
+    target: str
+    arguments: Mapping[str, Any]
+    status: str
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
 class Limits:
     """The library's limits, as a client can read them before it sends."""
 

@@ -9,7 +9,7 @@ import numpy as np
 from asyncua import ua
 
 from models.demonstration import Demonstration
-from opcua_skill.client.values import FAILURES, MODES, JobReport, LearningOptions, Recipe, SkillSummary
+from opcua_skill.client.values import FAILURES, MODES, AuditEntry, JobReport, LearningOptions, Recipe, SkillSummary
 
 Structures = Callable[[str], type]
 OPC_UA_EPOCH = datetime(1601, 1, 1, tzinfo=UTC)
@@ -23,6 +23,11 @@ def string(value: str) -> ua.Variant:
 def uint32(value: int) -> ua.Variant:
     """Return a UInt32 variant."""
     return ua.Variant(value, ua.VariantType.UInt32)
+
+
+def uint64(value: int) -> ua.Variant:
+    """Return a UInt64 variant."""
+    return ua.Variant(value, ua.VariantType.UInt64)
 
 
 def int32(value: int) -> ua.Variant:
@@ -198,6 +203,21 @@ def job_in(value: Any) -> JobReport:
         path_error=pair(value.PathError),
         tracking_error=pair(value.TrackingError),
         samples=int(value.Samples),
+    )
+
+
+def audit_entry_in(value: Any) -> AuditEntry:
+    """Return the `AuditEntry` in an `AuditEntryDataType`."""
+    return AuditEntry(
+        entry_id=int(value.EntryId),
+        at=moment(value.At),
+        actor=value.Actor or "",
+        role=value.Role or "",
+        action=value.Action or "",
+        target=value.Target or "",
+        arguments=document(value.Arguments),
+        status=value.Status or "",
+        reason=value.Reason or "",
     )
 
 

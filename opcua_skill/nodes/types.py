@@ -15,6 +15,7 @@ BOOLEAN = standard(ObjectIds.Boolean)
 BYTE = standard(ObjectIds.Byte)
 UINT16 = standard(ObjectIds.UInt16)
 UINT32 = standard(ObjectIds.UInt32)
+UINT64 = standard(ObjectIds.UInt64)
 INT32 = standard(ObjectIds.Int32)
 DOUBLE = standard(ObjectIds.Double)
 DATE_TIME = standard(ObjectIds.DateTime)
@@ -95,6 +96,17 @@ RECIPE = (
     Field("DispenseLead", DOUBLE, description="s"),
     Field("MaxDeviation", DOUBLE, description="m"),
     Field("Parameters", KEY_VALUE_PAIR, array=True, description="parameters of the process"),
+)
+AUDIT_ENTRY = (
+    Field("EntryId", UINT64, description="rises with every entry"),
+    Field("At", DATE_TIME, description="when it was asked for"),
+    Field("Actor", STRING, description="who asked"),
+    Field("Role", STRING, description="the role they had"),
+    Field("Action", STRING, description="the method, or SignIn"),
+    Field("Target", STRING, description="the object it was called on, or where a sign-in came from"),
+    Field("Arguments", STRING, description="JSON; long ones are shortened"),
+    Field("Status", STRING, description="name of the status code"),
+    Field("Reason", STRING, description="why not, in a sentence; empty: done"),
 )
 FAILURES = tuple(failure.value for failure in Failure)
 FAILURE_NUMBERS = {failure: number for number, failure in enumerate(Failure)}
@@ -272,6 +284,7 @@ async def add_types(tree: Tree) -> None:
         ("SkillSummaryDataType", SKILL_SUMMARY),
         ("RecipeDataType", RECIPE),
         ("JobReportDataType", _job_report(failure)),
+        ("AuditEntryDataType", AUDIT_ENTRY),
     ):
         await _structure(tree, name, fields)
     await _structure(tree, "PoseDemonstrationDataType", POSE_DEMONSTRATION, base="DemonstrationDataType")

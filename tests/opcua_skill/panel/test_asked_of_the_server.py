@@ -1,4 +1,4 @@
-"""What the panel needed of the server, through its client: learning again with other edits, and the way home."""
+"""What the panel needed of the server, through its client: learning again, the way home, and the audit trail."""
 
 import asyncio
 from typing import Any
@@ -107,3 +107,35 @@ async def test_after_a_stop_on_the_path_the_way_home_makes_the_next_run_possible
     await until(mes, "idle")
     done = await mes.follow((await station.execute("home")).job_id, on="ws1")
     assert done.state == "Completed", done.message
+
+
+async def test_the_audit_trail_tells_who_did_what_and_what_was_refused(
+    engineer: SkillClient, teacher: SkillClient
+) -> None:
+    with pytest.raises(Refused):
+        await teacher.skill("never-taught")
+    with pytest.raises(Refused):
+        await teacher.deploy("never-taught", 1, "ws1")
+    newest = await engineer.audit_trail(limit=50)
+    refused = next(one for one in newest if one.action == "Deploy" and one.arguments["SkillName"] == "never-taught")
+    assert (refused.actor, refused.role, refused.status) == ("teacher", "teacher", "BadUserAccessDenied")
+    assert refused.reason and refused.at is not None
+    assert refused.arguments == {"SkillName": "never-taught", "Version": 1, "Workstation": "ws1"}
+    assert any(one.action == "SignIn" and one.actor == "teacher" for one in await engineer.audit_trail(limit=1000))
+
+
+async def test_the_audit_trail_is_read_page_by_page(engineer: SkillClient) -> None:
+    first = await engineer.audit_trail(limit=2)
+    second = await engineer.audit_trail(before=first[-1].entry_id, limit=2)
+    numbers = [one.entry_id for one in (*first, *second)]
+    assert len(set(numbers)) == len(numbers) and numbers == sorted(numbers, reverse=True)
+    assert await engineer.audit_trail(before=1) == []
+    assert await engineer.audit_trail(before=2**64 - 1, limit=1) == await engineer.audit_trail(limit=1)
+    with pytest.raises(Refused, match="at most 1000"):
+        await engineer.audit_trail(limit=1001)
+
+
+async def test_who_is_no_engineer_does_not_read_the_audit_trail(teacher: SkillClient) -> None:
+    with pytest.raises(Refused) as refused:
+        await teacher.audit_trail()
+    assert refused.value.status == "BadUserAccessDenied"
