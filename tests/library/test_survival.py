@@ -111,18 +111,18 @@ async def test_a_killed_writer_leaves_nothing_half_and_loses_nothing_acknowledge
 async def test_three_processes_write_at_once_and_none_loses(database_file: Path) -> None:
     writers = Writers()
     for name in ("glue", "glue", "weld"):
-        writers.order("fork", database_file, name, 10)
+        writers.order("fork", database_file, name, 6)
     pids = [writers.hear("pid")[1] for _ in range(3)]
     for pid in pids:
         writers.order("wait", pid)
-        writers.hear("gone")
+        assert writers.hear("gone") == ["gone", pid, "0"]
     writers.close()
     told = [int(line[2]) for line in writers.told if line[:2] == ["version", "glue"]]
-    assert sorted(told) == list(range(1, 21))
+    assert sorted(told) == list(range(1, 13))
     async with await SkillLibrary.open(database_file) as library:
-        assert await check_whole(library, "glue") == 20
-        assert await check_whole(library, "weld") == 10
-        assert len(await library.audit_trail(1000)) == 30
+        assert await check_whole(library, "glue") == 12
+        assert await check_whole(library, "weld") == 6
+        assert len(await library.audit_trail(1000)) == 18
 
 
 async def test_many_tasks_of_one_process_write_at_once(library: SkillLibrary) -> None:

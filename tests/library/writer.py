@@ -47,8 +47,8 @@ def serve() -> None:
     for line in sys.stdin:
         order, *arguments = line.rstrip("\n").split("\t")
         if order == "wait":
-            os.waitpid(int(arguments[0]), 0)
-            print("gone", arguments[0], flush=True)
+            _, status = os.waitpid(int(arguments[0]), 0)
+            print("gone", arguments[0], os.waitstatus_to_exitcode(status), flush=True)
             continue
         path, name, count = arguments
         if os.fork() == 0:
