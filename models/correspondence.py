@@ -4,8 +4,8 @@
 # pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
 # pyright: reportMissingTypeStubs=false, reportAttributeAccessIssue=false
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from models.mixture import Mixture
 from models.motion import Clock
 from models.phase import at
 from models.regression import CovarianceRule
+from models.stretches import Extra, Pause
 
 Progress = Callable[[float, str], None]
 
@@ -61,7 +62,8 @@ class Fitted:
     """A mixture and the demonstrations behind it.
 
     ``rows`` (u,): which of the motions given are in ``aligned``; ``phases`` (n,): 0..1, of its instants.
-    ``left_out``, ``in_part`` and ``remarks``: what is to be said of motions, by their index.
+    ``left_out``, ``in_part`` and ``remarks``: what is to be said of motions, by their index; ``pauses`` and
+    ``extras``: where they stood still, and what they drew that the others did not, place 0..1 on the path.
     """
 
     mixture: Mixture
@@ -75,6 +77,8 @@ class Fitted:
     in_part: dict[int, Remark]
     remarks: dict[int, Remark]
     notes: tuple[str, ...]
+    pauses: Mapping[int, tuple[Pause, ...]] = field(default_factory=dict[int, tuple[Pause, ...]])
+    extras: Mapping[int, tuple[Extra, ...]] = field(default_factory=dict[int, tuple[Extra, ...]])
 
 
 def taken_at(motions: list[CleanMotion], positions: Floats, weights: Floats) -> Correspondence:

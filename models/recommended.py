@@ -15,12 +15,13 @@ from models.correspondence import Correspondence, Fitted, Progress, Remark, mean
 from models.demonstration import Floats
 from models.errors import MixedDemonstrations
 from models.experts import Fit, Handover, fit_handover, lines, retimed
-from models.group import POINTS, Group, diagonal, lay_upon_each_other
+from models.group import POINTS, Group, diagonal, lay_upon_each_other, mean_shape, taken
 from models.mixture import Mixture
 from models.oddness import against_direction, first_pass, mismatch, odd_ones
 from models.options import LearningOptions
 from models.phase import arc_lengths, at, travelled
 from models.placing import laid_freely
+from models.stretches import Extra, Pause, extras, pauses
 
 CLOCK_POINTS = 300
 FIT_POINTS = 100
@@ -74,7 +75,38 @@ def fit_recommended(motions: list[CleanMotion], options: LearningOptions, tell: 
     mixture = _mixture(fit, aligned, times, options.clock or "path", duration)
     phases = np.linspace(0.0, 1.0, CLOCK_POINTS)
     name = "time" if options.clock == "time" else "path"
-    return Fitted(mixture, name, duration, phases, aligned, tuple(rows), "within", left_out, in_part, {}, ())
+    paused, extra = _stretches(motions, curves, places, rows, group, aligned)
+    return Fitted(
+        mixture, name, duration, phases, aligned, tuple(rows), "within", left_out, in_part, {}, (), paused, extra
+    )
+
+
+def _stretches(
+    motions: list[CleanMotion],
+    curves: Floats,
+    places: Floats,
+    rows: list[int],
+    group: Group,
+    aligned: Correspondence,
+) -> tuple[dict[int, tuple[Pause, ...]], dict[int, tuple[Extra, ...]]]:
+    """Return where the motions of these rows stood still and what they drew beyond the others, by the path's phase."""
+    path = mean_shape(taken(curves[rows], group.positions), group.weights)
+    phases = np.linspace(0.0, 1.0, aligned.times.shape[1])
+    paused: dict[int, tuple[Pause, ...]] = {}
+    extra: dict[int, tuple[Extra, ...]] = {}
+    for i, row in enumerate(rows):
+        there = np.isfinite(aligned.times[i])
+        own, common = np.maximum.accumulate(aligned.times[i, there]), phases[there]
+        still = pauses(motions[row])
+        middles = np.interp([one.start + 0.5 * one.duration for one in still], own, common)
+        if still:
+            paused[row] = tuple(replace(one, place=float(where)) for one, where in zip(still, middles, strict=True))
+        seconds = np.interp(places[row], np.arange(len(motions[row].times), dtype=np.float64), motions[row].times)
+        beyond = extras(curves[row], group.positions[i], path, seconds)
+        middles = np.interp([one.start + 0.5 * one.duration for one in beyond], own, common)
+        if beyond:
+            extra[row] = tuple(replace(one, place=float(where)) for one, where in zip(beyond, middles, strict=True))
+    return paused, extra
 
 
 def _curves(motions: list[CleanMotion]) -> tuple[Floats, Floats]:

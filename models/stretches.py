@@ -1,0 +1,128 @@
+"""What one hand did that the others did not: stood still on the way, went over a stretch again, took a way around.
+
+None of it changes the path that is learned (a pause changes the timing); an operator may want to know of it.
+"""
+
+# numpy and scipy leave many results untyped: what leaves a function here is typed by its signature.
+# pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
+# pyright: reportMissingTypeStubs=false, reportAttributeAccessIssue=false
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
+from scipy.spatial import cKDTree
+
+from models.cleaning import CleanMotion
+from models.demonstration import Bools, Floats
+from models.group import diagonal
+from models.phase import arc_lengths
+
+LEAST_PAUSE = 0.5
+WINDOW = 0.25
+STILL = 0.2
+STILL_SIZE = 0.005
+LEAST_EXTRA = 0.08
+SKIPPED_IN = 0.02
+NEAR = 0.06
+
+
+@dataclass(frozen=True, slots=True)
+class Pause:
+    """A stretch in which the hand stood still.
+
+    ``start`` and ``duration`` in s of the recording; ``place`` 0..1 on the path. A wait before the first move has
+    place 0, one after the last has place 1.
+    """
+
+    start: float
+    duration: float
+    place: float
+
+
+@dataclass(frozen=True, slots=True)
+class Extra:
+    """A stretch of one drawing that the others do not have: drawn there and back again, or a way around.
+
+    ``place`` 0..1 on the common path; ``start`` and ``duration`` in s of the recording; ``length`` of it and how far
+    ``away`` from the common path it went, in m. ``repeated``: it stays on the path, so it went over it again.
+    """
+
+    place: float
+    start: float
+    duration: float
+    length: float
+    away: float
+    repeated: bool
+
+
+def pauses(motion: CleanMotion, least: float = LEAST_PAUSE) -> tuple[Pause, ...]:
+    """Return where the hand stood still for longer than ``least`` s, in order of time; places are shares of its way.
+
+    It stands still while, within a quarter of a second, it stays in a box smaller than 20 % of the way it usually
+    goes in that time, or than 0.5 % of the drawing: slow hands and trembling ones are not pausing ones.
+    """
+    still = _still(motion)
+    step = float(motion.times[1] - motion.times[0])
+    turns = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(np.int64)))
+    moving = np.diff(motion.points, axis=0) * ~(still[1:] & still[:-1])[:, None]
+    way = np.concatenate([[0.0], np.cumsum(np.sqrt((moving * moving).sum(axis=1)))])
+    found: list[Pause] = []
+    for first, after in zip(turns[::2], turns[1::2], strict=True):
+        duration = (after - 1 - first) * step
+        if duration > least:
+            place = float(way[first] / way[-1]) if way[-1] > 0 else 0.0
+            found.append(Pause(float(motion.times[first]), float(duration), place))
+    return tuple(found)
+
+
+def extras(curve: Floats, positions: Floats, path: Floats, times: Floats) -> tuple[Extra, ...]:
+    """Return which stretches of one drawing have no counterpart in the others'.
+
+    ``curve`` (n, d) is the drawing at even steps of its way, ``times`` (n,) in s when it was there, ``positions``
+    (m,) its sample at each even instant of the common ``path`` (m, d), NaN where it was not there. A stretch has no
+    counterpart if 8 % of the way or more, beyond what is usual, is passed within 2 % of the path.
+    """
+    count = len(positions)
+    reach = max(1, round(SKIPPED_IN * count))
+    known = np.flatnonzero(np.isfinite(positions))
+    if len(known) <= reach:
+        return ()
+    where = positions[known]
+    passed = (where[reach:] - where[:-reach]) / (len(curve) - 1.0)
+    over = passed > LEAST_EXTRA + SKIPPED_IN
+    turns = np.flatnonzero(np.diff(np.concatenate([[False], over, [False]]).astype(np.int64)))
+    lengths, size, tree = arc_lengths(curve), diagonal(path), cKDTree(path)
+    index = np.arange(len(curve), dtype=np.float64)
+    found: list[Extra] = []
+    for first, after in zip(turns[::2], turns[1::2], strict=True):
+        low, high = float(where[first]), float(where[after - 1 + reach])
+        inside = curve[int(np.ceil(low)) : int(high) + 1]
+        away = float(tree.query(inside)[0].max())
+        begun, ended = np.interp([low, high], index, times)
+        place = float(known[first] + known[after - 1 + reach]) / (2.0 * (count - 1))
+        length = float(np.interp(high, index, lengths) - np.interp(low, index, lengths))
+        found.append(Extra(place, float(begun), float(ended - begun), length, away, away < NEAR * size))
+    return tuple(found)
+
+
+def _still(motion: CleanMotion) -> Bools:
+    """Return at which samples (n,) the hand stands still: all of a quarter of a second about or beside each."""
+    step = float(motion.times[1] - motion.times[0])
+    window = 2 * max(1, round(0.5 * WINDOW / step)) + 1
+    if window > len(motion.points):
+        return np.zeros(len(motion.points), dtype=bool)
+    highest = maximum_filter1d(motion.points, window, axis=0, mode="nearest")
+    lowest = minimum_filter1d(motion.points, window, axis=0, mode="nearest")
+    reach = np.sqrt(((highest - lowest) ** 2).sum(axis=1))
+    limit = max(STILL * _usual_way(motion.points, window), STILL_SIZE * diagonal(motion.points))
+    centres = (reach < limit) & motion.known
+    return np.asarray(maximum_filter1d(centres.astype(np.int8), window, mode="constant") > 0, dtype=bool)
+
+
+def _usual_way(points: Floats, window: int) -> float:
+    """Return the median way in m gone within ``window`` samples, by length gone: rests do not lower it."""
+    lengths = arc_lengths(points)
+    ways = np.sort(lengths[window:] - lengths[:-window])
+    gone = np.cumsum(ways)
+    return float(ways[int(np.searchsorted(gone, 0.5 * gone[-1]))]) if len(ways) and gone[-1] > 0 else 0.0
