@@ -6,6 +6,7 @@ import numpy as np
 
 from models.demonstration import Floats
 from opcua_skill.client import wire
+from opcua_skill.client.recorder import Recorder
 from opcua_skill.client.session import Session
 from opcua_skill.client.values import MODES, JobReport, JobTrace, Mode, Started
 
@@ -48,6 +49,7 @@ class Workstation:
         self.session = session
         self.name = name
         self.path = f"Machines/{name}"
+        self.recorder = Recorder(session, f"{self.path}/Recorder")
 
     async def execute(self, skill_name: str, *, recipe_id: str = "", mode: Mode = "production") -> Started:
         """Queue a run. All is checked first; motion never runs inside the call. No recipe: the skill's own."""

@@ -51,12 +51,18 @@ class LibraryMethods:
         self, skill_name: str, semantic_type: str, demonstrations: list[Any], options: Any
     ) -> tuple[Any, ...]:
         """Learn a new version of a skill."""
+        received = received_demonstrations(demonstrations, self.settings.limits)
+        return await self.learn_received(skill_name, semantic_type, received, options)
+
+    async def learn_received(
+        self, skill_name: str, semantic_type: str, received: ReceivedDemonstrations, options: Any
+    ) -> tuple[Any, ...]:
+        """Learn from demonstrations that came in by any door; the answer is that of LearnFromDemonstration."""
         check_name(skill_name, "skill_name")
         check_text(semantic_type, "semantic_type", 256)
         if not semantic_type:
             raise InvalidValue("semantic_type", semantic_type, "say what kind of skill this is, such as Gluing")
         chosen = learning_options(options)
-        received = received_demonstrations(demonstrations, self.settings.limits)
         outcome = await self.jobs.learn(
             LearningRequest(
                 skill_name=skill_name,

@@ -46,6 +46,7 @@ NAMED = {
     "trace": "JobId",
     "workstation": "Workstation",
     "demonstration": "DemonstrationId",
+    "recording": "RecordingId",
 }
 BLAMED = {"demonstrations": "Demonstrations", "options": "Options", "edits": "Indices", "model": "Content"}
 

@@ -1,0 +1,397 @@
+"""The recorder of a workstation: through the typed client, and through a client that knows nothing but OPC UA."""
+
+import asyncio
+import contextlib
+from collections.abc import AsyncIterator, Awaitable, Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+import pytest_asyncio
+from asyncua import ua
+from asyncua.client.client import Client
+from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
+
+from models.demonstration import Demonstration
+from models.people import simulated_people
+from opcua_skill.client import APPLICATION_URI, Recorder, Refused, SkillClient
+
+if TYPE_CHECKING:
+    from tests.conftest import Plant
+
+SETTINGS = """
+[[workstations]]
+name = "ws1"
+driver = "kinematic"
+realtime = false
+
+[[workstations]]
+name = "ws2"
+driver = "kinematic"
+realtime = false
+
+[limits]
+max_demonstrations = 12
+max_points_per_demonstration = 60000
+"""
+PEOPLE = simulated_people(6)[0]
+LIMIT = 60.0
+PASSWORD = "correct horse battery"
+pytestmark = pytest.mark.asyncio(loop_scope="module")
+
+
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def plant(make_plant: Callable[..., "Plant"]) -> "Plant":
+    return await asyncio.to_thread(make_plant, SETTINGS)
+
+
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def people(plant: "Plant") -> AsyncIterator[dict[str, SkillClient]]:
+    """Everybody, signed in once for all tests."""
+    async with contextlib.AsyncExitStack() as stack:
+        names = ("visitor", "mes", "teacher", "engineer")
+        yield {name: await stack.enter_async_context(plant.sign_in(name)) for name in names}
+
+
+@pytest_asyncio.fixture(loop_scope="module")
+async def recorder(people: dict[str, SkillClient]) -> AsyncIterator[Recorder]:
+    """The teacher's recorder on ws1, with nothing in it before and after."""
+    mine = people["teacher"].workstation("ws1").recorder
+    yield mine
+    await empty(mine)
+
+
+async def empty(recorder: Recorder) -> None:
+    """Discard all recordings there are."""
+    with contextlib.suppress(Refused):
+        while True:
+            view = await recorder.recording()
+            await recorder.discard(view.recording_id)
+
+
+async def until(holds: Callable[[], Awaitable[bool]]) -> None:
+    """Wait until something holds."""
+    async with asyncio.timeout(LIMIT):
+        while not await holds():
+            await asyncio.sleep(0.02)
+
+
+async def show(recorder: Recorder, recording_id: str, shown: Demonstration, start: float) -> float:
+    """Send a demonstration as a tracker does, with half a second of nothing pressed before; return when it ended."""
+    pause = np.arange(0.0, 0.5, 0.02)
+    times = start + np.concatenate([pause, 0.5 + shown.times])
+    points = np.concatenate([np.repeat(shown.points[:1], len(pause), axis=0), shown.points])
+    pressed = np.concatenate([np.zeros(len(pause), dtype=bool), np.ones(len(shown.times), dtype=bool)])
+    for cut in range(0, len(times), 100):
+        part = slice(cut, cut + 100)
+        await recorder.append(recording_id, times[part], points[part], pressed[part])
+    return float(times[-1]) + 0.01
+
+
+async def test_a_skill_is_learned_from_what_a_tracker_sent(people: dict[str, SkillClient], recorder: Recorder) -> None:
+    teacher = people["teacher"]
+    recording_id = await recorder.start(2, "Ada", "infrared tracker of cell 3")
+    clock = 7.0
+    for one in PEOPLE:
+        clock = await show(recorder, recording_id, one, clock)
+    found = await recorder.finish(recording_id)
+    assert [one.demonstration_id for one in found] == [f"demonstration-{n:02d}" for n in range(1, 7)]
+    for sent, kept in zip(PEOPLE, found, strict=True):
+        np.testing.assert_allclose(kept.times, sent.times - sent.times[0], atol=1e-9)
+        assert kept.points.tobytes() == sent.points.tobytes()
+        assert kept.recorded_at is not None
+    learned = await recorder.learn(recording_id, "recorded-plate", "Gluing")
+    report = await teacher.follow(learned.job_id)
+    assert report.state == "Completed", report
+    stored = await teacher.recordings("recorded-plate")
+    assert {(one.operator, one.source) for one in stored.raw} == {("Ada", "infrared tracker of cell 3")}
+    document = (await teacher.skill("recorded-plate")).document
+    assert document["provenance"]["recordings"][0]["operator"] == "Ada"
+
+
+async def test_a_panel_follows_by_subscription_and_fetches_what_is_new(
+    people: dict[str, SkillClient], recorder: Recorder
+) -> None:
+    watched = people["visitor"].workstation("ws1").recorder
+    recording_id = await recorder.start(3, source="a test")
+    seen: list[int] = []
+    told = asyncio.Event()
+
+    class Watch:
+        def datachange_notification(self, node: object, value: int, data: object) -> None:
+            seen.append(value)
+            told.set()
+
+    client = people["visitor"].session._client
+    subscription = await client.create_subscription(50, Watch())  # pyright: ignore[reportArgumentType]
+    await subscription.subscribe_data_change(client.get_node(watched.session.node(f"{watched.path}/Samples")))
+    times, points = np.arange(500) / 100, np.arange(1500).reshape(500, 3) / 1e4
+    button = np.repeat([False, True, False, True], [100, 150, 50, 200])
+    known = 0
+    for cut in range(0, 500, 50):
+        told.clear()
+        await recorder.append(recording_id, times[cut : cut + 50], points[cut : cut + 50], button[cut : cut + 50])
+        async with asyncio.timeout(LIMIT):
+            while not seen or seen[-1] < cut + 50:
+                await told.wait()
+                told.clear()
+        view = await watched.recording(after=known)
+        np.testing.assert_allclose(view.positions, points[known : cut + 50])
+        np.testing.assert_allclose(view.times, times[known : cut + 50])
+        assert np.array_equal(view.triggers, button[known : cut + 50])
+        assert (view.recording_id, view.dimension, view.recording, view.source) == (recording_id, 3, True, "a test")
+        assert view.operator == "teacher"
+        known += len(view.times)
+    await subscription.delete()
+    state = await watched.state()
+    assert (state.recording, state.trigger, state.recording_id) == (True, True, recording_id)
+    assert (state.samples, state.demonstrations) == (500, 2)
+    presses = await watched.presses()
+    assert (presses.first, presses.last, presses.goes_on) == ((100, 300), (249, 499), True)
+    first = await watched.demonstration(recording_id, presses.ids[0])
+    np.testing.assert_allclose(first.points, points[100:250])
+    with pytest.raises(Refused) as refusal:
+        await watched.demonstration(recording_id, presses.ids[1])
+    assert refusal.value.status == "BadInvalidState"
+
+
+async def test_a_button_can_be_written_where_samples_have_none(recorder: Recorder) -> None:
+    recording_id = await recorder.start(2)
+    times, points = np.arange(400) / 100, np.zeros((400, 2))
+    for quarter, pressed in enumerate((False, True, False, True)):
+        await recorder.press(pressed)
+        part = slice(100 * quarter, 100 * quarter + 100)
+        await recorder.append(recording_id, times[part], points[part])
+    presses = await recorder.presses()
+    assert list(zip(presses.first, presses.last, strict=True)) == [(100, 199), (300, 399)]
+
+
+async def test_presses_that_are_too_short_are_told(recorder: Recorder) -> None:
+    recording_id = await recorder.start(2)
+    button = np.repeat([False, True, False, True, False], [50, 3, 50, 60, 50])
+    await recorder.append(recording_id, np.arange(213) / 100, np.zeros((213, 2)), button)
+
+    async def told() -> bool:
+        state = await recorder.state()
+        return state.ignored == 1 and "3 samples" in state.last_ignored and state.demonstrations == 1
+
+    await until(told)
+
+
+async def test_a_discarded_demonstration_is_not_learned_from(recorder: Recorder) -> None:
+    recording_id = await recorder.start(2)
+    clock = 0.0
+    for one in PEOPLE[:3]:
+        clock = await show(recorder, recording_id, one, clock)
+    with pytest.raises(Refused) as going_on:
+        await recorder.discard(recording_id, "demonstration-03")
+    assert going_on.value.status == "BadInvalidState"
+    assert await recorder.discard(recording_id, "demonstration-02") == 1
+    found = await recorder.finish(recording_id)
+    assert [one.demonstration_id for one in found] == ["demonstration-01", "demonstration-03"]
+    assert await recorder.discard(recording_id, "demonstration-01") == 1
+    with pytest.raises(Refused) as too_few:
+        await recorder.learn(recording_id, "lonely", "Gluing")
+    assert (too_few.value.status, too_few.value.argument) == ("BadInvalidArgument", "RecordingId")
+    assert await recorder.discard(recording_id) == 0
+    with pytest.raises(Refused) as gone:
+        await recorder.recording(recording_id)
+    assert gone.value.status == "BadNotFound"
+
+
+async def test_a_lost_session_closes_its_recording_and_loses_nothing(
+    plant: "Plant", people: dict[str, SkillClient], recorder: Recorder
+) -> None:
+    gateway = plant.sign_in("teacher")
+    await gateway.session.open()
+    mine = gateway.workstation("ws1").recorder
+    recording_id = await mine.start(2, "Ada")
+    await mine.append(recording_id, np.arange(100) / 100, np.zeros((100, 2)))
+    with pytest.raises(Refused, match="recording for teacher") as second:
+        await people["engineer"].workstation("ws1").recorder.start(2)
+    assert second.value.status == "BadInvalidState"
+    await gateway.session.close()
+
+    async def closed() -> bool:
+        state = await recorder.state()
+        return not state.recording and state.samples == 100 and state.recording_id == recording_id
+
+    await until(closed)
+    another = await recorder.start(2)
+    [kept] = await recorder.finish(recording_id)
+    assert kept.operator == "Ada"
+    assert len(kept.times) == 100
+    await recorder.discard(another)
+
+
+async def test_workstations_record_apart(people: dict[str, SkillClient], recorder: Recorder) -> None:
+    other = people["engineer"].workstation("ws2").recorder
+    mine, theirs = await recorder.start(2), await other.start(3)
+    await recorder.append(mine, [0.0, 0.1], np.zeros((2, 2)))
+    assert (await other.recording()).samples == 0
+    with pytest.raises(Refused) as foreign:
+        await other.append(mine, [0.2, 0.3], np.zeros((2, 2)))
+    assert foreign.value.status == "BadNotFound"
+    assert await other.discard(theirs) == 0
+
+
+async def test_a_long_recording_is_fetched_in_pieces(recorder: Recorder) -> None:
+    recording_id = await recorder.start(2)
+    points = np.random.default_rng(1).normal(size=(110_000, 2)) * 0.1
+    times = np.arange(len(points)) / 1000
+    button = np.ones(len(points), dtype=bool)
+    button[50_000:50_200] = False
+    for cut in range(0, len(points), 10_000):
+        part = slice(cut, cut + 10_000)
+        await recorder.append(recording_id, times[part], points[part], button[part])
+    view = await recorder.recording()
+    assert view.positions.tobytes() == points.tobytes()
+    first, second = await recorder.finish(recording_id)
+    assert first.points.tobytes() == points[:50_000].tobytes()
+    assert second.points.tobytes() == points[50_200:].tobytes()
+
+
+async def test_only_starting_finishing_and_discarding_are_recorded_in_the_audit_trail(
+    plant: "Plant", recorder: Recorder
+) -> None:
+    import sqlite3
+
+    def actions() -> list[str]:
+        with contextlib.closing(sqlite3.connect(f"file:{plant.database}?mode=ro", uri=True)) as connection:
+            return [row[0] for row in connection.execute("SELECT action FROM audit ORDER BY rowid")]
+
+    before = len(await asyncio.to_thread(actions))
+    recording_id = await recorder.start(2)
+    for cut in range(5):
+        await recorder.append(recording_id, cut + np.arange(10) / 100, np.zeros((10, 2)))
+    await recorder.recording()
+    await recorder.finish(recording_id)
+    await recorder.discard(recording_id)
+    assert (await asyncio.to_thread(actions))[before:] == ["StartRecording", "FinishRecording", "DiscardRecording"]
+
+
+Call = Callable[[Recorder, str], Awaitable[Any]]
+ROWS: list[tuple[str, Call, str, tuple[str, str]]] = [
+    ("dimension", lambda r, _: r.start(4), "BadInvalidArgument", ("Dimension", "BadOutOfRange")),
+    ("operator", lambda r, _: r.start(2, "A" * 600), "BadInvalidArgument", ("Operator", "BadOutOfRange")),
+    ("source", lambda r, _: r.start(2, "", "A" * 600), "BadInvalidArgument", ("Source", "BadOutOfRange")),
+    ("second recording", lambda r, _: r.start(2), "BadInvalidState", ("", "")),
+    ("NaN", lambda r, i: r.append(i, [9.0], [[np.nan, 0.0]]), "BadInvalidArgument", ("Positions", "BadOutOfRange")),
+    ("lengths", lambda r, i: r.append(i, [9.0], [[0.0]]), "BadInvalidArgument", ("Positions", "BadOutOfRange")),
+    ("times", lambda r, i: r.append(i, [0.0], [[0.0, 0.0]]), "BadInvalidArgument", ("Times", "BadOutOfRange")),
+    (
+        "triggers",
+        lambda r, i: r.append(i, [9.0], [[0.0, 0.0]], [True, True]),
+        "BadInvalidArgument",
+        ("Triggers", "BadOutOfRange"),
+    ),
+    (
+        "orientations",
+        lambda r, i: r.append(i, [9.0], [[0.0, 0.0]], orientations=[[0.0, 0.0, 0.0, 1.0]]),
+        "BadInvalidArgument",
+        ("Orientations", "BadOutOfRange"),
+    ),
+    (
+        "too much",
+        lambda r, i: r.append(i, 9 + np.arange(10_001) / 1e4, np.zeros((10_001, 2))),
+        "BadRequestTooLarge",
+        ("", ""),
+    ),
+    ("unknown", lambda r, _: r.append("none", [9.0], [[0.0, 0.0]]), "BadNotFound", ("RecordingId", "BadNotFound")),
+    ("after", lambda r, i: r.recording(i, 11), "BadInvalidArgument", ("After", "BadOutOfRange")),
+    ("no such demonstration", lambda r, i: r.discard(i, "none"), "BadNotFound", ("DemonstrationId", "BadNotFound")),
+    ("learn from an open one", lambda r, i: r.learn(i, "new", "Gluing"), "BadInvalidState", ("", "")),
+]
+
+
+@pytest.mark.parametrize(("call", "status", "argument"), [row[1:] for row in ROWS], ids=[row[0] for row in ROWS])
+async def test_a_refusal_is_exact_and_takes_nothing(
+    call: Call, status: str, argument: tuple[str, str], recorder: Recorder
+) -> None:
+    recording_id = await recorder.start(2)
+    await recorder.append(recording_id, np.arange(10) / 100, np.zeros((10, 2)))
+    with pytest.raises(Refused) as refused:
+        await call(recorder, recording_id)
+    assert refused.value.status == status, refused.value
+    assert (refused.value.argument, refused.value.argument_status) == argument, refused.value
+    assert refused.value.reason
+    view = await recorder.recording()
+    assert (view.recording_id, view.samples, view.recording) == (recording_id, 10, True)
+
+
+async def test_limits_of_a_demonstration_are_those_of_the_library(recorder: Recorder) -> None:
+    recording_id = await recorder.start(2)
+    for cut in range(6):
+        await recorder.append(recording_id, cut + np.arange(10_000) / 1e4, np.zeros((10_000, 2)))
+    with pytest.raises(Refused, match="release the button") as longer:
+        await recorder.append(recording_id, [7.0], [[0.0, 0.0]])
+    assert longer.value.status == "BadRequestTooLarge"
+    times, button = 8 + np.arange(13 * 20) / 100, np.tile(np.repeat([False, True], 10), 13)
+    with pytest.raises(Refused, match="12 demonstrations") as more:
+        await recorder.append(recording_id, times, np.zeros((len(times), 2)), button)
+    assert more.value.status == "BadRequestTooLarge"
+    assert (await recorder.recording(after=60_000)).samples == 60_000
+
+
+@pytest.mark.parametrize("who", ["visitor", "mes"])
+async def test_recording_is_for_teachers_and_watching_for_everybody(
+    who: str, people: dict[str, SkillClient], recorder: Recorder
+) -> None:
+    recording_id = await recorder.start(2)
+    theirs = people[who].workstation("ws1").recorder
+    for call in (
+        theirs.start(2),
+        theirs.append(recording_id, [0.0], [[0.0, 0.0]]),
+        theirs.finish(recording_id),
+        theirs.discard(recording_id),
+        theirs.learn(recording_id, "new", "Gluing"),
+        theirs.press(True),
+    ):
+        with pytest.raises(Refused) as refused:
+            await call
+        assert refused.value.status in {"BadUserAccessDenied", "BadNotWritable"}
+    assert (await theirs.recording()).recording_id == recording_id
+
+
+async def test_another_session_cannot_mix_its_samples_in(people: dict[str, SkillClient], recorder: Recorder) -> None:
+    recording_id = await recorder.start(2)
+    theirs = people["engineer"].workstation("ws1").recorder
+    with pytest.raises(Refused, match="fed by teacher") as mixed:
+        await theirs.append(recording_id, [0.0], [[0.0, 0.0]])
+    assert mixed.value.status == "BadInvalidState"
+    assert await theirs.finish(recording_id) == []
+    with pytest.raises(Refused, match="closed") as closed:
+        await recorder.append(recording_id, [0.0], [[0.0, 0.0]])
+    assert closed.value.status == "BadInvalidState"
+
+
+async def test_a_bare_opc_ua_client_can_record(plant: "Plant", recorder: Recorder) -> None:
+    mine = plant.client_folder
+    client = Client(plant.url)
+    client.application_uri = APPLICATION_URI
+    client.set_user("teacher")
+    client.set_password(PASSWORD)
+    certificate, key = sorted(mine.glob("*.der"))[0], sorted(mine.glob("*.pem"))[0]
+    await client.set_security(SecurityPolicyBasic256Sha256, str(certificate), str(key))
+    async with client:
+        await client.load_data_type_definitions()
+        machines = next(
+            one for one in await client.nodes.objects.get_children_descriptions() if one.BrowseName.Name == "Machines"
+        )
+        types = await client.get_namespace_index("urn:opcua-skill:types")
+        instances = await client.get_namespace_index("urn:opcua-skill:instances")
+        there = await client.get_node(machines.NodeId).get_child([f"{instances}:ws1", f"{types}:Recorder"])
+        recording_id = await there.call_method(
+            f"{types}:StartRecording", ua.Variant(2, ua.VariantType.Byte), "", "bare"
+        )
+        times, places = [n / 100 for n in range(50)], [n / 1000 for n in range(100)]
+        button = [10 <= n < 40 for n in range(50)]
+        none = ua.Variant([], ua.VariantType.Double, is_array=True)
+        samples, demonstrations = await there.call_method(
+            f"{types}:AppendSamples", recording_id, times, places, button, none
+        )
+        assert (samples, demonstrations) == (50, 1)
+        [shown] = await there.call_method(f"{types}:FinishRecording", recording_id)
+        assert (shown.DemonstrationId, shown.Dimension, shown.Source) == ("demonstration-01", 2, "bare")
+        np.testing.assert_allclose(shown.Positions, places[20:80])
+        assert await there.call_method(f"{types}:DiscardRecording", recording_id, "") == 0
