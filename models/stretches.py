@@ -13,10 +13,10 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 from scipy.spatial import cKDTree
 
-from models.cleaning import CleanMotion
+from models.cleaning import CleanMotion, moving_average
 from models.demonstration import Bools, Floats
 from models.group import diagonal
-from models.phase import arc_lengths
+from models.phase import LENGTH_WINDOW, arc_lengths
 
 LEAST_PAUSE = 0.5
 WINDOW = 0.25
@@ -112,10 +112,11 @@ def _still(motion: CleanMotion) -> Bools:
     window = 2 * max(1, round(0.5 * WINDOW / step)) + 1
     if window > len(motion.points):
         return np.zeros(len(motion.points), dtype=bool)
-    highest = maximum_filter1d(motion.points, window, axis=0, mode="nearest")
-    lowest = minimum_filter1d(motion.points, window, axis=0, mode="nearest")
+    smooth = moving_average(motion.points, round(LENGTH_WINDOW / step))
+    highest = maximum_filter1d(smooth, window, axis=0, mode="nearest")
+    lowest = minimum_filter1d(smooth, window, axis=0, mode="nearest")
     reach = np.sqrt(((highest - lowest) ** 2).sum(axis=1))
-    limit = max(STILL * _usual_way(motion.points, window), STILL_SIZE * diagonal(motion.points))
+    limit = max(STILL * _usual_way(smooth, window), STILL_SIZE * diagonal(motion.points))
     centres = (reach < limit) & motion.known
     return np.asarray(maximum_filter1d(centres.astype(np.int8), window, mode="constant") > 0, dtype=bool)
 

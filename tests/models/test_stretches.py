@@ -16,7 +16,9 @@ BRISK = np.linspace([0.0, 0.0], [0.06, 0.02], 400)
 
 
 def drawn(points: np.ndarray, name: str = "person-01") -> Demonstration:
-    return Demonstration(name, np.arange(len(points)) * 0.01, points, np.ones(len(points), dtype=bool))
+    return Demonstration(
+        name, np.arange(len(points), dtype=np.float64) * 0.01, points, np.ones(len(points), dtype=bool)
+    )
 
 
 def cleaned(demonstration: Demonstration) -> CleanMotion:
@@ -47,7 +49,7 @@ def test_waiting_before_and_after_is_at_the_ends() -> None:
 
 @pytest.mark.parametrize("seconds", [1.0, 5.0, 60.0])
 def test_a_steady_hand_does_not_pause_however_slow(seconds: float) -> None:
-    times = np.arange(400) * (seconds / 400)
+    times = np.arange(400, dtype=np.float64) * (seconds / 400)
     assert pauses(cleaned(Demonstration("slow", times, BRISK, np.ones(400, dtype=bool)))) == ()
 
 
