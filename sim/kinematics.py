@@ -18,11 +18,11 @@ from scipy.spatial.transform import Rotation
 
 from sim.arm import ArmModel, Floats
 
-STAGES = 4
+STAGES = 2
 POLISH = 14
 DAMPING = 1e-9
 TOLERANCE = 1e-12
-CHUNK = 1024
+CHUNK = 2048
 REACHED = 1e-9
 
 
@@ -108,14 +108,16 @@ class Kinematics:
         for stage in range(1, STAGES + 1):
             part = stage / STAGES
             way = (Rotation.from_rotvec(part * turn) * Rotation.from_matrix(self.seed_rotation)).as_matrix()
-            q += self._step(q, start + part * (goal - start), _columns(way, n), DAMPING)[0]
+            step, _, _ = self._step(q, start + part * (goal - start), _columns(way, n), DAMPING)
+            q += step
         wanted = _columns(np.asarray(rotations), n)
         active = np.arange(n)
         distance, angle = np.full(n, np.inf), np.full(n, np.inf)
         for _ in range(POLISH):
-            step, distance[active], angle[active] = self._step(
-                q[:, active], goal[:, active], [c[:, active] for c in wanted], DAMPING
-            )
+            everything = len(active) == n
+            now, there = (q, goal) if everything else (q[:, active], goal[:, active])
+            turned = wanted if everything else [c[:, active] for c in wanted]
+            step, distance[active], angle[active] = self._step(now, there, turned, DAMPING, TOLERANCE)
             going = (distance[active] > TOLERANCE) | (angle[active] > TOLERANCE)
             if not going.any():
                 break
@@ -144,19 +146,25 @@ class Kinematics:
         return q, distance, angle
 
     def _step(
-        self, q: Floats, goal: Floats, wanted: list[Floats], damping: float | Floats
+        self, q: Floats, goal: Floats, wanted: list[Floats], damping: float | Floats, enough: float = 0.0
     ) -> tuple[Floats, Floats, Floats]:
-        """Return the damped least-squares step (dof, n) towards the goal, and the errors (n,) in m and rad before."""
+        """Return the damped least-squares step (dof, n) towards the goal, and the errors (n,) in m and rad before.
+
+        The step is zero if every error is small ``enough`` already.
+        """
         columns, position, axes, origins = self._sweep(q)
-        away = goal - position
-        twist = 0.5 * _total([_cross(c, w) for c, w in zip(columns, wanted, strict=True)])
-        jacobian = _columns_of_jacobian(position, axes, origins)
-        weights = _solve(jacobian, np.concatenate([away, twist]), damping)
-        step = (jacobian * weights).sum(axis=1)
-        distance = np.sqrt((away * away).sum(axis=0))
+        error = np.empty((6, q.shape[1]))
+        away, twist = error[:3], error[3:]
+        np.subtract(goal, position, out=away)
+        _turn_between(columns, wanted, twist)
+        distance = np.sqrt(_squared(away))
         cosine = 0.5 * (_total([c * w for c, w in zip(columns, wanted, strict=True)]).sum(axis=0) - 1.0)
-        angle = np.arctan2(np.sqrt((twist**2).sum(axis=0)), np.clip(cosine, -1.0, 1.0))
-        return step, distance, angle
+        angle = np.arctan2(np.sqrt(_squared(twist)), np.clip(cosine, -1.0, 1.0))
+        if distance.max(initial=0.0) <= enough and angle.max(initial=0.0) <= enough:
+            return np.zeros_like(q), distance, angle
+        jacobian = _columns_of_jacobian(position, axes, origins)
+        weights = _solve(jacobian, error, damping)
+        return _total([jacobian[:, k] * weights[k] for k in range(6)]), distance, angle
 
     def _sweep(
         self, q: Floats, links: dict[str, tuple[list[Floats], Floats]] | None = None
@@ -223,6 +231,17 @@ def _cross(a: Floats, b: Floats) -> Floats:
     return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
+def _turn_between(columns: list[Floats], wanted: list[Floats], out: Floats) -> None:
+    """Write half the sum of the cross products of two frames' columns: the axis times the sine of the turn."""
+    for k in range(3):
+        a, b = (k + 1) % 3, (k + 2) % 3
+        out[k] = 0.5 * _total([c[a] * w[b] - c[b] * w[a] for c, w in zip(columns, wanted, strict=True)])
+
+
+def _squared(rows: Floats) -> Floats:
+    return rows[0] * rows[0] + rows[1] * rows[1] + rows[2] * rows[2]
+
+
 def _columns(rotations: Floats, n: int) -> list[Floats]:
     """Return the three columns (3, n) of one rotation for all, or of one rotation for each."""
     if rotations.ndim == 2:
@@ -242,24 +261,27 @@ def _columns_of_jacobian(position: Floats, axes: list[Floats], origins: list[Flo
 
 
 def _solve(jacobian: Floats, error: Floats, damping: float | Floats) -> Floats:
-    """Solve (J J^T + damping I) x = error, (6, n), for Jacobian columns (dof, 6, n) by Cholesky."""
-    matrix = jacobian[0][:, None] * jacobian[0][None]
-    for column in jacobian[1:]:
-        matrix += column[:, None] * column[None]
+    """Solve (J J^T + damping I) x = error, (6, n), for Jacobian columns (dof, 6, n) by L D L^T, upper rows only."""
+    rows: list[Floats] = []
     for k in range(6):
-        matrix[k, k] += damping
-    x = error
+        row = np.empty((7 - k, error.shape[1]))
+        np.multiply(jacobian[0, k], jacobian[0, k:], out=row[:-1])
+        for column in jacobian[1:]:
+            row[:-1] += column[k] * column[k:]
+        row[0] += damping
+        row[-1] = error[k]
+        rows.append(row)
     for k in range(6):
-        pivot = 1.0 / np.sqrt(np.maximum(matrix[k, k], 1e-18))
-        matrix[k:, k] *= pivot
-        matrix[k, k] = pivot
-        x[k] *= pivot
-        below = matrix[k + 1 :, k]
-        matrix[k + 1 :, k + 1 :] -= below[:, None] * below[None]
-        x[k + 1 :] -= below * x[k]
+        row = rows[k]
+        scaled = row[1:] / np.maximum(row[0], 1e-18)
+        for i in range(k + 1, 6):
+            rows[i] -= row[i - k] * scaled[i - k - 1 :]
+        rows[k] = scaled
+    x = np.empty_like(error)
     for k in range(5, -1, -1):
-        x[k] *= matrix[k, k]
-        x[:k] -= matrix[k, :k] * x[k]
+        x[k] = rows[k][-1]
+        for i in range(k + 1, 6):
+            x[k] -= rows[k][i - k - 1] * x[i]
     return x
 
 
