@@ -4,6 +4,7 @@ import asyncio
 import logging
 import secrets
 import time
+from collections.abc import Callable
 from typing import Any
 
 from asyncua import ua
@@ -16,6 +17,7 @@ from asyncua.ua.ua_binary import nodeid_from_binary, struct_to_binary, uatcp_to_
 from asyncua.ua.uaerrors import UaStatusCodeError
 from cryptography.exceptions import InvalidSignature
 
+from opcua_skill.stack.chunks import Request, SecureChannel
 from opcua_skill.stack.decoding import MALFORMED, decode
 from opcua_skill.stack.services import SERVICES
 from opcua_skill.stack.session_services import SessionServices
@@ -37,10 +39,14 @@ _PUBLISH = Ids.PublishRequest_Encoding_DefaultBinary
 class Processor(SessionServices):
     """Handles the requests of one connection, one after another but for calls that take long."""
 
-    def __init__(self, internal_server: Any, transport: Any, limits: Any) -> None:
+    _connection: SecureChannel
+
+    def __init__(self, internal_server: Any, transport: Any, limits: Any, hand_on: Callable[[], None]) -> None:
         super().__init__(internal_server, transport, limits)
+        self._connection = SecureChannel(self._limits)
         self.spent = 0.0
-        self._calls: set[asyncio.Task[int | None]] = set()
+        self._hand_on = hand_on
+        self._calls: set[asyncio.Task[Any]] = set()
         self._channel_until = float("inf")
         self._largest_response = 0
         self._most_response_chunks = 0
@@ -53,36 +59,32 @@ class Processor(SessionServices):
     @property
     def unfinished_bytes(self) -> int:
         """Return the size of a message of which not all chunks have come."""
-        return self._connection._incoming_size
+        return self._connection.unfinished_bytes
 
     def channel_expired(self, now: float) -> bool:
         """Return whether the client has let its channel's key grow too old."""
         return now > self._channel_until
 
-    async def process_chunk(self, header: Any, frame: Buffer) -> int | None:
-        """Process one chunk. Return None to go on, CLOSE to close, or the status code to close with."""
-        kind = header.MessageType
+    def take(self, frame: bytes) -> Request | int | None:
+        """Take one chunk. Return the request that is whole with it, None to go on, or the code to close with."""
+        kind = frame[:3]
         try:
-            if kind == ua.MessageType.Hello:
-                return self._hello(frame)
-            if kind == ua.MessageType.SecureOpen:
-                return self._open_channel(header, frame)
+            if kind == b"HEL":
+                return self._hello(Buffer(frame[8:]))
+            if kind == b"OPN":
+                return self._open_channel(frame)
             if not self.has_channel:
                 return Codes.BadSecureChannelIdInvalid
-            if self.unfinished_bytes + header.body_size > self._largest_message():
-                return Codes.BadTcpMessageTooLarge
-            message = self._connection.receive_from_header_and_body(header, frame)
+            request = self._connection.receive(frame, self._largest_message())
         except (ServiceError, UaStatusCodeError) as error:
             return int(error.code)
         except (InvalidSignature, RecursionError, *MALFORMED) as error:
             log.info("a chunk of %s is refused: %s", self.name, type(error).__name__)
             return Codes.BadSecurityChecksFailed
-        if kind == ua.MessageType.SecureClose:
+        if kind == b"CLO":
             self._connection.close()
             return CLOSE
-        if message is None:
-            return None
-        return await self._request(message.SequenceHeader(), message.body())
+        return request
 
     def _largest_message(self) -> int:
         limits = self.iserver.limits
@@ -109,10 +111,10 @@ class Processor(SessionServices):
         self._transport.write(uatcp_to_binary(acknowledge, answer))
         return None
 
-    def _open_channel(self, header: Any, frame: Buffer) -> int | None:
+    def _open_channel(self, frame: bytes) -> int | None:
         """Open a channel, once; after that it can only be renewed."""
         was_open = self.has_channel
-        message = self._connection.receive_from_header_and_body(header, frame)
+        message = self._connection.receive_opening(frame)
         algorithm, sequence = message.SecurityHeader(), message.SequenceHeader()
         request = decode(ua.OpenSecureChannelRequest, message.body())
         wanted = request.Parameters
@@ -154,27 +156,35 @@ class Processor(SessionServices):
         response.ResponseHeader.ServiceResult = status(code)
         self.send_response(handle, seqhdr, response)
 
-    async def _request(self, seqhdr: Any, body: Buffer) -> int | None:
-        """Answer one request. A call that takes long goes on beside the next requests: keep-alives are served."""
+    async def answer(self, request: Request) -> int | None:
+        """Answer one request; None to go on, CLOSE to close.
+
+        A call that takes long hands the connection on: another task serves the next requests, keep-alives among them.
+        """
+        body = request.body
         try:
             type_id = nodeid_from_binary(body)
             header = decode(ua.RequestHeader, body)
         except (UaStatusCodeError, *MALFORMED):
-            self._fault(0, seqhdr, Codes.BadDecodingError)
+            self._fault(0, request, Codes.BadDecodingError)
             return None
         service = type_id.Identifier if type_id.NamespaceIndex == 0 else None
         if service != _CALL:
-            closing = await self._answer(service, header, seqhdr, body)
+            closing = await self._answer(service, header, request, body)
             await self.give_way()
             return closing
         while len(self._calls) >= CALLS_AT_ONCE:
             await asyncio.wait(self._calls, return_when=asyncio.FIRST_COMPLETED)
         await self.give_way()
-        call = asyncio.create_task(self._answer(service, header, seqhdr, body))
-        self._calls.add(call)
-        call.add_done_callback(self._calls.discard)
-        await asyncio.wait({call}, timeout=LONG_CALL_SECONDS)
-        return None
+        serving = asyncio.current_task()
+        assert serving is not None
+        self._calls.add(serving)
+        takes_long = asyncio.get_running_loop().call_later(LONG_CALL_SECONDS, self._hand_on)
+        try:
+            return await self._answer(service, header, request, body)
+        finally:
+            takes_long.cancel()
+            self._calls.discard(serving)
 
     async def give_way(self) -> None:
         """Let others go first for as long as this peer's heavy messages have kept them waiting."""

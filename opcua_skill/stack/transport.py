@@ -9,11 +9,11 @@ from enum import IntEnum
 from typing import TYPE_CHECKING, Any
 
 from asyncua import ua
-from asyncua.common.utils import Buffer
 from asyncua.server.binary_server_asyncio import BinaryServer, OPCUAProtocol
 from asyncua.ua.status_codes import StatusCodes as Codes
-from asyncua.ua.ua_binary import header_from_binary, uatcp_to_binary
+from asyncua.ua.ua_binary import uatcp_to_binary
 
+from opcua_skill.stack.chunks import Request
 from opcua_skill.stack.limits import Limits
 from opcua_skill.stack.processor import Processor
 from opcua_skill.stack.values import status, status_name
@@ -54,7 +54,7 @@ class Connection(OPCUAProtocol):
         self._received = bytearray()
         self._greeted = False
         self._paused = False
-        self.messages = asyncio.Queue()
+        self._frames: asyncio.Queue[bytes] = asyncio.Queue()
         self.address = "?"
         self.since = time.monotonic()
         self.unfinished_since: float | None = None
@@ -80,7 +80,7 @@ class Connection(OPCUAProtocol):
             self.fail(Codes.BadTcpNotEnoughResources)
             return
         transport.set_write_buffer_limits(high=self._limits.unread_answers)
-        self.processor = Processor(self.iserver, transport, self.limits)  # pyright: ignore[reportIncompatibleVariableOverride]
+        self.processor = Processor(self.iserver, transport, self.limits, self._hand_on)  # pyright: ignore[reportIncompatibleVariableOverride]
         self.processor.set_policies(self.policies)
         self.iserver.asyncio_transports.append(transport)
         self.clients.append(self)
@@ -140,12 +140,12 @@ class Connection(OPCUAProtocol):
                 return
             if len(received) < size:
                 return
-            frame = Buffer(bytes(received[:size]))
+            frame = bytes(received[:size])
             del received[:size]
             self._greeted = True
-            self.messages.put_nowait((header_from_binary(frame), frame))
+            self._frames.put_nowait(frame)
         allowed = self._limits.queued_chunks if self.stage is Stage.SIGNED_IN else QUEUED_BEFORE_SIGN_IN
-        if not self._paused and self.messages.qsize() >= allowed:
+        if not self._paused and self._frames.qsize() >= allowed:
             self._paused = True
             self.transport.pause_reading()
 
@@ -157,36 +157,40 @@ class Connection(OPCUAProtocol):
         largest = LARGEST_HELLO if kind == b"HEL" else self._limits.largest_chunk + TOLERANCE
         return 0 if smallest <= size <= largest else Codes.BadTcpMessageTooLarge
 
+    def _hand_on(self) -> None:
+        """Let another task serve the connection; the one that did so far ends with what it is doing."""
+        self._task = asyncio.create_task(self._process_received_message_loop())
+
     async def _process_received_message_loop(self) -> None:
-        while True:
-            header, frame = await self.messages.get()
-            if self._paused and self.messages.qsize() < self._limits.queued_chunks // 4:
+        serving = asyncio.current_task()
+        while self._task is serving:
+            frame = await self._frames.get()
+            if self._paused and self._frames.qsize() < self._limits.queued_chunks // 4:
                 self._paused = False
                 if self.transport is not None and not self.transport.is_closing():
                     self.transport.resume_reading()
             try:
-                if not await self._process_chunk(header, frame):
+                if not await self._process_chunk(frame):
                     return
             except Exception:
                 log.exception("fault %s on a connection of %s", secrets.token_hex(4), self.address)
                 self.fail(Codes.BadInternalError)
                 return
-            if not self.messages.empty():
+            if not self._frames.empty():
                 await asyncio.sleep(0)  # a peer with much to say does not keep others waiting
 
-    async def _process_chunk(self, header: Any, frame: Buffer) -> bool:
+    async def _process_chunk(self, frame: bytes) -> bool:
         """Process one chunk and return whether to go on."""
         processor, transport = self.processor, self.transport
         if processor is None or transport is None:
             return False
         before = processor.unfinished_bytes
-        code = await processor.process_chunk(header, frame)
-        now_unfinished = processor.unfinished_bytes
-        self._server.unfinished_bytes += now_unfinished - before
-        if not now_unfinished:
-            self.unfinished_since = None
-        elif self.unfinished_since is None:
-            self.unfinished_since = time.monotonic()
+        code = processor.take(frame)
+        if before or processor.unfinished_bytes:
+            self._server.unfinished_bytes += processor.unfinished_bytes - before
+            self._count_unfinished(processor.unfinished_bytes)
+        if isinstance(code, Request):
+            code = await processor.answer(code)
         if code is not None:
             if code:
                 self.fail(code)
@@ -196,8 +200,15 @@ class Connection(OPCUAProtocol):
         if self._server.unfinished_bytes > self._limits.all_unfinished_messages:
             self.fail(Codes.BadTcpNotEnoughResources)
             return False
-        await self._may_write.wait()
+        if not self._may_write.is_set():
+            await self._may_write.wait()
         return not transport.is_closing()
+
+    def _count_unfinished(self, unfinished: int) -> None:
+        if not unfinished:
+            self.unfinished_since = None
+        elif self.unfinished_since is None:
+            self.unfinished_since = time.monotonic()
 
     def overdue(self, now: float) -> int:
         """Return the code to close this connection with, 0 while it behaves."""
