@@ -17,6 +17,7 @@ from opcua_skill.methods.audit import AuditMethods
 from opcua_skill.methods.edits import EditMethods
 from opcua_skill.methods.homing import HomingMethods
 from opcua_skill.methods.library import LibraryMethods
+from opcua_skill.methods.recorder import RecorderMethods
 from opcua_skill.methods.refusals import Code
 from opcua_skill.methods.values import audit_value
 from opcua_skill.methods.workstation import WorkstationMethods
@@ -24,6 +25,7 @@ from opcua_skill.nodes.audit import add_audit
 from opcua_skill.nodes.edits import add_edits
 from opcua_skill.nodes.homing import add_homing
 from opcua_skill.nodes.library import add_library
+from opcua_skill.nodes.recorder import RecorderNodes, add_recorder
 from opcua_skill.nodes.skills import SkillNodes
 from opcua_skill.nodes.tree import Tree, number, numbers, text
 from opcua_skill.nodes.types import add_types
@@ -51,6 +53,7 @@ class _Face:
     station: Station
     lock: ArmLock
     skills: SkillNodes
+    recorder: RecorderNodes
     shown: ArmState | None = None
     shown_lock: tuple[bool, str] = (False, "")
 
@@ -70,6 +73,7 @@ class SkillServerApp:
         self.server: SkillServer
         self._authenticator: Authenticator
         self._tree: Tree
+        self._methods: LibraryMethods
         self._tidings: Tidings
 
     async def __aenter__(self) -> Self:
@@ -114,6 +118,7 @@ class SkillServerApp:
             self.library, settings, self._models, self._arm_factory, self._job_changed, self._tidings.version_changed
         )
         methods = LibraryMethods(self.library, self.jobs, settings, self._tidings)
+        self._methods = methods
         await add_library(self._tree, methods, settings.limits)
         await add_edits(self._tree, EditMethods(self.library, self.jobs, settings))
         await add_audit(self._tree, AuditMethods(self.library))
@@ -148,7 +153,8 @@ class SkillServerApp:
         await add_homing(self._tree, name, HomingMethods(self.jobs, station, lock))
         for description in await self.library.deployments(name):
             await skills.show(description)
-        self._faces[name] = _Face(station, lock, skills)
+        recorder = await add_recorder(self._tree, RecorderMethods(name, self._methods, self.settings.limits))
+        self._faces[name] = _Face(station, lock, skills, recorder)
 
         async def set_override(value: Any) -> None:
             try:
@@ -206,6 +212,7 @@ class SkillServerApp:
 
     async def _session_closed(self, session_id: str) -> None:
         for face in self._faces.values():
+            face.recorder.methods.session_closed(session_id)
             if face.lock.session_closed(session_id):
                 await self._show_lock(face)
 
@@ -216,8 +223,9 @@ class SkillServerApp:
                 try:
                     await self._show_arm(name, face)
                     await self._show_lock(face)
+                    await face.recorder.show()
                 except Exception:
-                    _log.exception("showing the arm of %s failed", name)
+                    _log.exception("showing the arm and the recorder of %s failed", name)
             await self._show_service_level()
             await asyncio.sleep(SHOW_STATE_EVERY)
 

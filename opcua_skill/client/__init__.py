@@ -2,6 +2,7 @@
 
 from opcua_skill.client.certificates import APPLICATION_URI, client_folder
 from opcua_skill.client.errors import ClientError, NotSignedIn, Refused, ServerChanged, TookTooLong, Unreachable
+from opcua_skill.client.recorder import Presses, Recorded, Recorder, RecorderState, RecordingView
 from opcua_skill.client.session import Event, Session
 from opcua_skill.client.skills import SkillClient
 from opcua_skill.client.values import (
@@ -38,7 +39,12 @@ __all__ = [
     "Mode",
     "NotSignedIn",
     "Path",
+    "Presses",
     "Recipe",
+    "Recorded",
+    "Recorder",
+    "RecorderState",
+    "RecordingView",
     "Recordings",
     "Refused",
     "ServerChanged",

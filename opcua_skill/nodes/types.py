@@ -144,6 +144,7 @@ OBJECT_TYPES: tuple[tuple[str, int, str], ...] = (
     ("AtomicSkillType", ObjectIds.BaseObjectType, "something equipment can do, with typed parameters"),
     ("SkillType", ObjectIds.ProgramStateMachineType, "a learned skill as deployed on a workstation"),
     ("ArmType", ObjectIds.BaseObjectType, "the state of an arm"),
+    ("RecorderType", ObjectIds.BaseObjectType, "takes what a tracker sees, and cuts it into demonstrations"),
 )
 EVENT_TYPES: tuple[tuple[str, str, tuple[tuple[str, ua.VariantType], ...]], ...] = (
     (
