@@ -49,6 +49,7 @@ class JobReport(Value):
     """A job and how far it has come. ``path_error`` and ``tracking_error`` are RMS and maximum in m.
 
     ``samples`` is the number of time steps commanded, ``start_time`` when it began to run, ``end_time`` when it ended.
+    ``plan_digest`` is the SHA-256 in hex of the motion plan that was checked and is what runs; empty: there is none.
     """
 
     job_id: Name
@@ -69,6 +70,7 @@ class JobReport(Value):
     path_error: RmsAndMaximum = (0.0, 0.0)
     tracking_error: RmsAndMaximum = (0.0, 0.0)
     samples: int = Field(default=0, ge=0)
+    plan_digest: str = Field(default="", pattern="^([0-9a-f]{64})?$")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

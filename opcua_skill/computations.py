@@ -1,9 +1,12 @@
 """What runs inside worker processes. Refusals come back as values: not every exception survives being pickled."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 from models.demonstration import Demonstration, Edits
 from models.errors import SkillError
@@ -63,11 +66,45 @@ def trajectory_of_plan(motion: Motion, plan: MotionPlan) -> Trajectory:
     return Trajectory(plan.times[rows] - plan.times[first], phases, points, covariances, plan.dispense[rows])
 
 
-def write_trace(trace: Trace, folder: Path, name: str, formats: tuple[str, ...]) -> None:
-    """Write what a run did into files of the given formats; each appears whole or not at all."""
+def plan_record(plan: MotionPlan) -> dict[str, Any]:
+    """Return what is worth keeping of a plan beside its trace, JSON-able: what it was made of, and what was found.
+
+    ``planDigest`` is the SHA-256 the arm checked before it moved: runs with the same one ran the same samples.
+    """
+    findings = [{name: _said(value) for name, value in asdict(one).items()} for one in plan.findings]
+    return {
+        "planDigest": plan.digest,
+        "arm": plan.arm,
+        "armDigest": plan.arm_digest,
+        "skillDigest": plan.skill_digest,
+        "recipeId": plan.recipe_id,
+        "order": asdict(plan.order),
+        "samples": plan.samples,
+        "segments": [asdict(segment) for segment in plan.segments],
+        "valve": [asdict(event) for event in plan.valve_events],
+        "pathError": plan.path_error,
+        "findings": findings,
+        "report": {name: _said(value) for name, value in plan.report.items()},
+    }
+
+
+def _said(value: Any) -> Any:
+    """Return a value as JSON can say it: what is not a finite number is null."""
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def write_trace(
+    trace: Trace, folder: Path, name: str, formats: tuple[str, ...], plan: Mapping[str, Any] | None = None
+) -> None:
+    """Write what a run did into files of the given formats, and the record of its plan as JSON.
+
+    Each file appears whole or not at all.
+    """
     folder.mkdir(parents=True, exist_ok=True)
-    for kind in formats:
-        content = to_csv(trace).encode() if kind == "csv" else to_parquet(trace)
+    contents = {kind: to_csv(trace).encode() if kind == "csv" else to_parquet(trace) for kind in formats}
+    if plan is not None:
+        contents["plan.json"] = json.dumps(plan, indent=1, default=float, allow_nan=False).encode()
+    for kind, content in contents.items():
         unfinished = folder / f".{name}.{kind}.part"
         unfinished.write_bytes(content)
         unfinished.replace(folder / f"{name}.{kind}")

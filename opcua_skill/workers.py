@@ -59,7 +59,7 @@ def _context() -> Any:
     if "forkserver" not in multiprocessing.get_all_start_methods():
         return multiprocessing.get_context("spawn")
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["opcua_skill.computations"])
+    context.set_forkserver_preload(["opcua_skill.computations", "sklearn.mixture"])
     return context
 
 
@@ -80,7 +80,8 @@ class Workers:
 
     async def warm_up(self, function: Callable[[], Any]) -> None:
         """Start every process and let it import what ``function`` needs, so that the first computation does not pay."""
-        await asyncio.gather(*(asyncio.wrap_future(pool.submit(function)) for pool in self._pools))
+        for pool in self._pools:
+            await asyncio.wrap_future(await asyncio.to_thread(pool.submit, function))
 
     async def run(
         self,
@@ -98,8 +99,9 @@ class Workers:
         pool, progress = self._pools[index], self._progress[index]
         progress.value = 0.0
         try:
-            # Large arguments are pickled by the executor's own thread, not by the event loop.
-            future = asyncio.wrap_future(pool.submit(function, *arguments))
+            # The first submission starts the process and waits for it, seconds on a busy machine: never on the loop.
+            # Large arguments are pickled by the executor's own thread.
+            future = asyncio.wrap_future(await asyncio.to_thread(pool.submit, function, *arguments))
             async with asyncio.timeout(seconds):
                 while True:
                     done, _ = await asyncio.wait({future}, timeout=0.2 if on_progress else None)

@@ -5,6 +5,7 @@ import logging
 from collections.abc import Mapping
 
 from library.description import Failure, JobReport, JobState, Recipe, SkillDescription
+from library.errors import LibraryUnusable
 from library.store import SkillLibrary
 from models.motion import Trajectory
 from opcua_skill.computations import PlanRefused
@@ -50,7 +51,8 @@ class JobEngine:
             self.tell,
             keeps_arm_open=True,
             keep_trace=self._planning.keep_trace,
-            come_home=lambda: self._execution.come_home(self.stations[name]),
+            may_still_run=lambda report: self._execution.may_still_run(self.stations[name], report),
+            way_home=lambda: self._execution.way_home(self.stations[name]),
         )
         simulation = Lane(
             f"{name} simulation",
@@ -77,8 +79,8 @@ class JobEngine:
         """Fail the jobs a crash left behind, open the arms, start the lanes."""
         for report in await self._library.interrupt_unfinished():
             _log.warning("job %s was interrupted by the last stop", report.job_id)
+        await asyncio.gather(*(station.arm.open() for station in self.stations.values()))
         for station in self.stations.values():
-            await station.arm.open()
             station.lane.start()
             station.simulation.start()
         self._warm_up = asyncio.create_task(self._warm(), name="warm up workers")
@@ -91,14 +93,15 @@ class JobEngine:
         """Stop every motion, end every worker; jobs that did not finish are Failed, Interrupted."""
         if self._warm_up:
             self._warm_up.cancel()
-        for station in self.stations.values():
-            await station.lane.stop()
-            await station.simulation.stop()
+        lanes = [lane for station in self.stations.values() for lane in (station.lane, station.simulation)]
+        await asyncio.gather(*(lane.stop() for lane in lanes))
         await self._learning.stop()
         self._planning.close()
-        for station in self.stations.values():
-            await station.arm.close()
-        await self._library.interrupt_unfinished()
+        await asyncio.gather(*(station.arm.close() for station in self.stations.values()))
+        try:
+            await self._library.interrupt_unfinished()
+        except LibraryUnusable as unusable:
+            _log.warning("jobs that did not end are marked at the next start: %s", unusable)
 
     async def learn(self, request: LearningRequest, *, answer_within: float) -> LearningOutcome:
         """Start a learning job; see ``LearningJobs.learn``."""

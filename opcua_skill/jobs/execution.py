@@ -12,10 +12,10 @@ from opcua_skill.jobs.ids import new_job_id
 from opcua_skill.jobs.planning import Planning
 from opcua_skill.jobs.reasons import LacksAtomicSkill, MotionNotPossible, NotExecutable, QueueFull
 from opcua_skill.jobs.station import Station, ready_to_move
-from opcua_skill.lane import Lane, Order
+from opcua_skill.lane import Lane, NotAnyMore, Order
 from opcua_skill.settings import Settings
 from sim.arm import StartRefused
-from sim.plan import Finding
+from sim.plan import Finding, MotionPlan
 
 Mode = Literal["simulation", "test", "production"]
 TEST_SPEED = 0.25
@@ -66,8 +66,13 @@ class ExecutionJobs:
         if isinstance(planned, PlanRefused):
             raise MotionNotPossible(await self._refused(report, planned.findings))
         self._room_on(lane)
-        notes = _words(planned.findings)
-        told = {"path_error": planned.path_error, "samples": planned.samples, "message": notes}
+        notes = "; ".join(text for text in (_words(planned.findings), f"plan {planned.digest}") if text)
+        told = {
+            "path_error": planned.path_error,
+            "samples": planned.samples,
+            "plan_digest": planned.digest,
+            "message": notes,
+        }
         report = report.model_copy(update=told)
         lane.reserve()
         try:
@@ -119,23 +124,35 @@ class ExecutionJobs:
             )
         return description
 
-    async def come_home(self, station: Station) -> None:
-        """Bring an arm that was aborted on its way slowly to where every run starts, as the first part of its next job.
+    async def may_still_run(self, station: Station, report: JobReport) -> None:
+        """Raise NotAnyMore if a job whose turn has come may not run now: much can be decided while it waits."""
+        if report.mode == "simulation":
+            return
+        name, version = report.skill_name, report.skill_version
+        if report.mode == "production" and await self._library.deployed(name, station.name) != version:
+            reason = f"{name} version {version} is not deployed on {station.name} any more"
+            raise NotAnyMore(Failure.NOT_DEPLOYED, reason)
+        state = (await self._library.description(name, version)).state
+        if state is not VersionState.APPROVED:
+            raise NotAnyMore(Failure.NOT_APPROVED, f"{name} version {version} is {state.value} by now")
+
+    async def way_home(self, station: Station) -> MotionPlan | None:
+        """Return the way to where every run starts for an arm that was aborted on its path; None: it need not go.
 
         After a protective stop or a fault it stays where it is: then a person has to look first, and send it home.
-        Raises StartRefused when the way is not free; what stops the arm stops this motion too.
+        Raises StartRefused when the way is not free.
         """
         if station.is_home:
             station.stopped_unasked = False
         if station.is_home or station.stopped_unasked or not ready_to_move(station.arm.state()):
-            return
+            return None
         planned = await self._planning.plan_home(station)
         if isinstance(planned, PlanRefused):
             first = planned.findings[0]
             raise StartRefused(first.code, f"the way to the start is not free: {first.text}")
         _log.info("the arm of %s goes to the start first", station.name)
-        await station.arm.run(planned, lambda _: None)
+        return planned
 
 
 def _words(findings: Sequence[Finding]) -> str:
-    return "; ".join(finding.text for finding in findings[:TOLD_FINDINGS])[:4000]
+    return "; ".join(finding.text for finding in findings[:TOLD_FINDINGS])[:3900]

@@ -4,6 +4,7 @@ from library.description import Recipe, SkillDescription
 from models.motion import Trajectory
 from opcua_skill.computations import (
     PlanRefused,
+    plan_record,
     plan_skill,
     plan_way_home,
     ready,
@@ -13,6 +14,7 @@ from opcua_skill.computations import (
 )
 from opcua_skill.jobs.motion_parameters import motion_order
 from opcua_skill.jobs.station import Station
+from opcua_skill.lane import Order
 from opcua_skill.settings import Settings
 from opcua_skill.workers import Workers
 from sim.arm import Trace
@@ -78,10 +80,13 @@ class Planning:
         what = f"reproducing {description.name}"
         return await self._workers.run(what, trajectory_of_plan, motion, planned, seconds=PLANNING_SECONDS)
 
-    async def keep_trace(self, job_id: str, trace: Trace) -> None:
-        """Write the whole trace of a run into files: joints, valve and override too."""
+    async def keep_trace(self, order: Order, trace: Trace) -> None:
+        """Write the whole trace of a run into files, joints, valve and override too, and the plan that was run."""
         formats = self._settings.trace_files
         if formats:
             folder = self._settings.data / "traces"
-            what = f"writing the trace of {job_id}"
-            await self._workers.run(what, write_trace, trace, folder, job_id, formats, seconds=PLANNING_SECONDS)
+            what = f"writing the trace of {order.job_id}"
+            plan = plan_record(order.plan)
+            await self._workers.run(
+                what, write_trace, trace, folder, order.job_id, formats, plan, seconds=PLANNING_SECONDS
+            )

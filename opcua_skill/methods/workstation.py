@@ -113,9 +113,10 @@ class WorkstationMethods:
         """Stop the arm as fast as its limits allow; it refuses to move until it is reset."""
         check_text(comment, "comment", 2000)
         because = comment or f"{caller().name} pressed the protective stop"
-        await self.station.lane.protective_stop(because)
-        await self.station.arm.protective_stop(because)
-        await self.tidings.protective_stop(self.station.name, because, caller().name)
+        try:
+            await self.station.lane.protective_stop(because)
+        finally:
+            await self.tidings.protective_stop(self.station.name, because, caller().name)
         return ()
 
     @refusing(blame="Comment")

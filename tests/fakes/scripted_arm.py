@@ -80,8 +80,9 @@ class ScriptedArm:
         self.now = replace(self.now, mode=ArmMode.RUNNING, at_rest=False)
 
     async def stop(self, because: str) -> None:
-        self._stop_because = because
-        self.finish.set()
+        if self.running.is_set():
+            self._stop_because = because
+            self.finish.set()
 
     async def protective_stop(self, because: str) -> None:
         await self.stop(because)

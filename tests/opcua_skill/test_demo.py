@@ -12,6 +12,7 @@ import pytest
 from PIL import Image
 
 LIMIT = 600.0
+NOT_PASSED_ON = ("PYTEST", "OPCUA_SKILL", "PYTHONDONTWRITEBYTECODE")
 ROOT = Path(__file__).parents[2]
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 
@@ -19,7 +20,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 def demo(folder: Path, *words: str) -> "subprocess.Popen[str]":
     """Start the demo in a process group and a temp folder of its own, so that whatever it leaves can be seen."""
     (folder / "tmp").mkdir()
-    environment = {key: value for key, value in os.environ.items() if not key.startswith(("PYTEST", "OPCUA_SKILL"))}
+    environment = {key: value for key, value in os.environ.items() if not key.startswith(NOT_PASSED_ON)}
     return subprocess.Popen(
         [sys.executable, "-m", "opcua_skill.cli", "demo", "--out", str(folder / "out"), *words],
         stdout=subprocess.PIPE,

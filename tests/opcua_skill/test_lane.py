@@ -2,6 +2,7 @@
 
 import asyncio
 from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, cast
@@ -10,9 +11,9 @@ import pytest
 from scripted_arm import ScriptedArm, trace
 
 from library.description import Failure, JobReport, JobState
-from library.errors import NotAllowedInState
+from library.errors import LibraryUnusable, NotAllowedInState
 from library.store import SkillLibrary
-from opcua_skill.lane import Lane, Order
+from opcua_skill.lane import Lane, NotAnyMore, Order
 from sim.arm import ArmFault, StartRefused, Trace
 from sim.plan import MotionPlan
 
@@ -30,8 +31,8 @@ class Bench:
     lane: Any = None
     kept: dict[str, Trace] = field(default_factory=dict)
 
-    async def keep(self, job_id: str, trace: Trace) -> None:
-        self.kept[job_id] = trace
+    async def keep(self, order: Order, trace: Trace) -> None:
+        self.kept[order.job_id] = trace
 
     async def tell(self, report: JobReport) -> None:
         self.told.append((report.state, (await self.library.job(report.job_id)).state))
@@ -46,6 +47,67 @@ class Bench:
             while (report := await self.library.job(job_id)).state not in wanted:
                 await asyncio.sleep(0.01)
         return report
+
+
+class FullDisk:
+    """Writes of a library that fail while ``full``, as SQLite's do."""
+
+    def __init__(self, library: SkillLibrary, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.full = False
+        self.refused = asyncio.Event()
+        for name in ("move_job", "save_trace", "set_progress"):
+            monkeypatch.setattr(library, name, self._guarded(getattr(library, name)))
+
+    def _guarded(self, write: Any) -> Any:
+        async def written(*arguments: Any, **fields: Any) -> Any:
+            if self.full:
+                self.refused.set()
+                raise LibraryUnusable("skills.db", "database or disk is full", "free space")
+            return await write(*arguments, **fields)
+
+        return written
+
+
+@pytest.fixture
+def full_disk(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> FullDisk:
+    return FullDisk(bench.library, monkeypatch)
+
+
+@dataclass
+class Guarded(Bench):
+    """A lane whose jobs are asked for once more when their turn comes, and whose arm has to be brought home first."""
+
+    asked_for_way: asyncio.Event = field(default_factory=asyncio.Event)
+    way: "asyncio.Future[MotionPlan | None]" = field(default_factory=lambda: asyncio.get_running_loop().create_future())
+    not_any_more: str = ""
+
+    async def may_still_run(self, _: JobReport) -> None:
+        if self.not_any_more:
+            raise NotAnyMore(Failure.NOT_DEPLOYED, self.not_any_more)
+
+    async def way_home(self) -> MotionPlan | None:
+        self.asked_for_way.set()
+        return await self.way
+
+
+@asynccontextmanager
+async def lane_on(folder: Path) -> AsyncIterator[Guarded]:
+    library = await SkillLibrary.open(folder / "skills.db")
+    made = Guarded(library, ScriptedArm())
+    made.lane = Lane(
+        "test",
+        library,
+        lambda: made.arm,
+        made.tell,
+        keeps_arm_open=True,
+        keep_trace=made.keep,
+        may_still_run=made.may_still_run,
+        way_home=made.way_home,
+    )
+    made.lane.start()
+    yield made
+    await made.lane.stop()
+    await library.close()
 
 
 @pytest.fixture
@@ -108,6 +170,7 @@ async def test_one_job_runs_at_a_time_in_the_order_of_arrival(bench: Bench) -> N
 async def test_aborting_a_running_job_is_stopping_until_the_arm_rests(bench: Bench) -> None:
     await bench.queue("one")
     await bench.state("one", JobState.RUNNING)
+    await asyncio.wait_for(bench.arm.running.wait(), LIMIT)
     assert (await bench.lane.abort("one", "operator pressed stop")).state is JobState.STOPPING
     report = await bench.state("one", JobState.ABORTED)
     assert (report.failure, report.message) == (Failure.ABORTED, "operator pressed stop")
@@ -170,6 +233,77 @@ async def test_a_protective_stop_says_so_in_the_job(bench: Bench) -> None:
     await bench.lane.protective_stop("light curtain")
     report = await bench.state("one", JobState.ABORTED)
     assert (report.failure, report.message) == (Failure.PROTECTIVE_STOP, "light curtain")
+
+
+async def test_a_protective_stop_without_a_job_still_stops_the_arm(bench: Bench) -> None:
+    assert await bench.lane.protective_stop("light curtain") is None
+    assert bench.arm.state().protective_stop
+
+
+async def test_a_job_aborted_before_the_arm_moves_never_moves_it(tmp_path: Path) -> None:
+    async with lane_on(tmp_path) as made:
+        await made.queue("one")
+        await made.asked_for_way.wait()
+        assert (await made.lane.abort("one", "not needed")).state is JobState.STOPPING
+        made.way.set_result(NO_PLAN)
+        report = await made.state("one", JobState.ABORTED)
+        assert (report.failure, report.message) == (Failure.ABORTED, "not needed")
+        assert made.arm.runs == 0
+
+
+async def test_a_job_that_may_not_run_any_more_fails_without_having_started(tmp_path: Path) -> None:
+    async with lane_on(tmp_path) as made:
+        made.not_any_more = "glue is not deployed any more"
+        await made.queue("one")
+        report = await made.state("one", JobState.FAILED)
+        assert (report.failure, report.message) == (Failure.NOT_DEPLOYED, "glue is not deployed any more")
+        assert (report.start_time, made.arm.runs) == (None, 0)
+
+
+async def test_what_a_full_disk_did_not_take_is_told_once_it_is_back(bench: Bench, full_disk: FullDisk) -> None:
+    await bench.queue("one")
+    await bench.queue("two")
+    await bench.state("one", JobState.RUNNING)
+    await asyncio.wait_for(bench.arm.running.wait(), LIMIT)
+    full_disk.full = True
+    bench.arm.finish.set()
+    async with asyncio.timeout(LIMIT):
+        await full_disk.refused.wait()
+    assert bench.arm.state().at_rest
+    assert (await bench.library.job("one")).state is JobState.RUNNING
+    assert bench.arm.runs == 1, "the next job has to wait until this one is written down"
+    full_disk.full = False
+    await bench.state("one", JobState.COMPLETED)
+    assert (await bench.library.trace("one")).times.shape == (3,)
+    await bench.state("two", JobState.COMPLETED)
+    assert all(told is written for told, written in bench.told)
+
+
+async def test_a_full_disk_does_not_keep_the_arm_from_stopping(bench: Bench, full_disk: FullDisk) -> None:
+    await bench.queue("one")
+    await bench.state("one", JobState.RUNNING)
+    await asyncio.wait_for(bench.arm.running.wait(), LIMIT)
+    full_disk.full = True
+    with pytest.raises(LibraryUnusable):
+        await bench.lane.abort("one", "operator pressed stop")
+    async with asyncio.timeout(LIMIT):
+        while not bench.arm.state().at_rest:
+            await asyncio.sleep(0.01)
+    full_disk.full = False
+    report = await bench.state("one", JobState.ABORTED)
+    assert report.message == "operator pressed stop"
+
+
+async def test_a_server_that_stops_does_not_wait_for_a_full_disk(bench: Bench, full_disk: FullDisk) -> None:
+    await bench.queue("one")
+    await bench.state("one", JobState.RUNNING)
+    await asyncio.wait_for(bench.arm.running.wait(), LIMIT)
+    full_disk.full = True
+    await asyncio.wait_for(bench.lane.stop(), LIMIT)
+    assert bench.arm.state().at_rest
+    full_disk.full = False
+    (report,) = await bench.library.interrupt_unfinished()
+    assert (report.state, report.failure) == (JobState.FAILED, Failure.INTERRUPTED)
 
 
 @pytest.mark.parametrize("command", ["pause", "resume", "abort"])
