@@ -1,5 +1,6 @@
-"""The trust list: a folder of client certificates that are let in, and one of those that were turned away."""
+"""The trust list: certificates that are let in, authorities and what they took back, and who was turned away."""
 
+import logging
 import os
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -9,7 +10,9 @@ from cryptography import x509
 from cryptography.hazmat.primitives import serialization
 
 from opcua_skill.security.certificates import load_certificate, thumbprint
+from opcua_skill.security.chains import LONGEST_CHAIN, CertificateFault, Known, fault
 
+log = logging.getLogger(__name__)
 MAX_REJECTED = 100
 
 
@@ -26,25 +29,38 @@ class ListedCertificate:
 
 
 class TrustList:
-    """Client certificates in ``trusted/`` are let in; those turned away are kept in ``rejected/`` for a look.
+    """Which clients are let in: a folder that an administrator fills, laid out as other OPC UA servers have it.
 
-    The folders are read at every sign-in, so trusting a certificate takes effect without a restart. At most
-    MAX_REJECTED rejected certificates are kept, the newest ones.
+    ``trusted/certs`` holds clients and authorities that are trusted, ``issuers/certs`` authorities that merely complete
+    a chain, ``trusted/crl`` and ``issuers/crl`` the authorities' revocation lists, ``rejected/`` the clients turned
+    away, the newest MAX_REJECTED of them. The folders are read at every sign-in, so a change takes effect without a
+    restart. Certificates that lie in ``trusted/`` itself count as well.
     """
 
     def __init__(self, folder: Path) -> None:
-        self.trusted_folder = folder / "trusted"
+        self.trusted_folder = folder / "trusted" / "certs"
+        self.issuers_folder = folder / "issuers" / "certs"
         self.rejected_folder = folder / "rejected"
-        for place in (folder, self.trusted_folder, self.rejected_folder):
+        self._lists = (folder / "trusted" / "crl", folder / "issuers" / "crl")
+        self._trusted = (self.trusted_folder, folder / "trusted")
+        for place in (folder, *self._trusted, self.issuers_folder, self.rejected_folder, *self._lists):
             place.mkdir(parents=True, exist_ok=True, mode=0o700)
 
+    def fault(self, certificate: x509.Certificate, sent_along: bytes = b"") -> CertificateFault | None:
+        """Return why a client's certificate is refused, None for one that is good; see chains.fault.
+
+        ``sent_along`` are the certificates (DER, one after the other) of authorities that the client itself names.
+        """
+        known = Known(
+            trusted=[one for folder in self._trusted for one, _ in _certificates(folder)],
+            issuers=[one for one, _ in _certificates(self.issuers_folder)],
+            lists=[one for folder in self._lists for one in _revocation_lists(folder)],
+        )
+        return fault(certificate, known, datetime.now(UTC), _split(sent_along))
+
     def is_trusted(self, certificate: x509.Certificate) -> bool:
-        """Return whether exactly this certificate lies in ``trusted/``, whatever its file is called."""
-        named = self.trusted_folder / _file_name(certificate)
-        content = certificate.public_bytes(serialization.Encoding.DER)
-        if named.exists() and named.read_bytes() == content:
-            return True
-        return any(found == certificate for found, _ in _certificates(self.trusted_folder))
+        """Return whether exactly this certificate is trusted by itself, whatever its file is called."""
+        return any(found == certificate for folder in self._trusted for found, _ in _certificates(folder))
 
     def trust(self, file: Path) -> ListedCertificate:
         """Let the certificate in a DER or PEM file in from now on; raises ValueError if the file is no certificate."""
@@ -72,7 +88,8 @@ class TrustList:
     def distrust(self, start_of_thumbprint: str) -> None:
         """Turn a certificate that was let in away from now on."""
         wanted = start_of_thumbprint.lower()
-        found = [(c, f) for c, f in _certificates(self.trusted_folder) if wanted and thumbprint(c).startswith(wanted)]
+        known = [found for folder in self._trusted for found in _certificates(folder)]
+        found = [(c, f) for c, f in known if wanted and thumbprint(c).startswith(wanted)]
         if len(found) != 1:
             raise ValueError(f"{len(found)} trusted certificates have a thumbprint that starts with {wanted!r}")
         found[0][1].unlink()
@@ -87,8 +104,8 @@ class TrustList:
     def listed(self) -> list[ListedCertificate]:
         """Return all certificates, the trusted ones first."""
         return [
-            _listed(file, certificate, trusted=folder is self.trusted_folder)
-            for folder in (self.trusted_folder, self.rejected_folder)
+            _listed(file, certificate, trusted=folder in self._trusted)
+            for folder in (*self._trusted, self.rejected_folder)
             for certificate, file in _certificates(folder)
         ]
 
@@ -126,6 +143,33 @@ def _certificates(folder: Path) -> list[tuple[x509.Certificate, Path]]:
             found.append((load_certificate(file.read_bytes()), file))
         except ValueError:
             continue  # a file somebody put there by mistake must not lock everybody out
+    return found
+
+
+def _revocation_lists(folder: Path) -> list[x509.CertificateRevocationList]:
+    found = []
+    for file in sorted(folder.iterdir()):
+        if file.suffix.lower() not in {".crl", ".der", ".pem"} or file.name.startswith("."):
+            continue
+        content = file.read_bytes()
+        text = content.lstrip().startswith(b"-----BEGIN")
+        try:
+            found.append((x509.load_pem_x509_crl if text else x509.load_der_x509_crl)(content))
+        except ValueError:
+            log.warning("%s is not a revocation list: it is passed over", file)
+    return found
+
+
+def _split(certificates: bytes) -> list[x509.Certificate]:
+    """Return certificates that stand one after the other, as far as they can be read."""
+    found = []
+    while len(certificates) > 4 and len(found) < LONGEST_CHAIN:
+        size = 4 + int.from_bytes(certificates[2:4], "big")  # certificates are longer than 255 and shorter than 65 kB
+        try:
+            found.append(x509.load_der_x509_certificate(certificates[:size]))
+        except ValueError:
+            break
+        certificates = certificates[size:]
     return found
 
 

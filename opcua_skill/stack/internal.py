@@ -16,6 +16,7 @@ from asyncua.server.user_managers import UserManager
 from asyncua.ua.status_codes import StatusCodes as Codes
 from cryptography import x509
 
+from opcua_skill.security.chains import CertificateFault, Known, fault
 from opcua_skill.security.settings import SecuritySettings
 from opcua_skill.security.trust import TrustList
 from opcua_skill.stack.access import Role, SignIn
@@ -107,14 +108,15 @@ class SkillInternalServer(InternalServer):
         der = channel.peer.certificate
         if bytes(params.ClientCertificate or b"")[: len(der)] != der:
             return Codes.BadCertificateInvalid
-        if not certificate.not_valid_before_utc <= datetime.now(UTC) <= certificate.not_valid_after_utc:
-            return Codes.BadCertificateTimeInvalid
         if params.ClientDescription.ApplicationUri not in _uris(certificate):
             return Codes.BadCertificateUriInvalid
-        if self.trust is not None and not await asyncio.to_thread(self.trust.is_trusted, certificate):
-            await asyncio.to_thread(self.trust.reject, certificate)
-            return Codes.BadCertificateUntrusted
-        return Codes.Good
+        if self.trust is None:
+            found = fault(certificate, Known(trusted=[certificate], issuers=[], lists=[]), datetime.now(UTC))
+        else:
+            found = await asyncio.to_thread(self.trust.fault, certificate, bytes(params.ClientCertificate)[len(der) :])
+            if found in {CertificateFault.UNTRUSTED, CertificateFault.INCOMPLETE}:
+                await asyncio.to_thread(self.trust.reject, certificate)
+        return getattr(Codes, found.value) if found is not None else Codes.Good
 
     def may_transfer(self, subscription_id: int, to: Session) -> int:
         """Return 0 if a session may take a subscription over from another of the same user and client, or why not."""
