@@ -6,13 +6,15 @@ and ``models.paper``.
 # pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
 # pyright: reportMissingTypeStubs=false, reportAttributeAccessIssue=false
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
+from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from models.cleaning import CleanMotion, clean
+from models.comparison import Previous, end_error, mean_repeatability, path_error, to_paper, to_previous
 from models.correspondence import Fitted, Progress, Remark, mean_of
 from models.demonstration import Demonstration, Edits, Floats
 from models.errors import MixedDemonstrations, SkillError, TooFewDemonstrations, UnknownDemonstration, UnlikelyUnits
@@ -32,12 +34,16 @@ from models.report import (
     Verdict,
     VerdictKind,
 )
+from models.shapes import is_another
+from models.stretches import Extra, Pause
+from models.wording import another_shape, what_it_did
 
 __all__ = [
     "AlignedDemonstration",
     "LearnedMotion",
     "LearningOptions",
     "LearningReport",
+    "Previous",
     "Verdict",
     "VerdictKind",
     "learn",
@@ -55,8 +61,11 @@ def learn(
     edits: Edits | None = None,
     options: LearningOptions | None = None,
     progress: Progress | None = None,
+    previous: Previous | None = None,
 ) -> LearnedMotion:
     """Return the motion that the demonstrations have in common, with a verdict for each and a report.
+
+    The report compares it with ``previous``, the version the skill had before, and with the paper's preset.
 
     A recording that cannot be used is left out, and its verdict says why; fewer than two usable ones raise
     TooFewDemonstrations.
@@ -66,7 +75,7 @@ def learn(
     tell = progress or _to_nobody
     _check_edits(demonstrations, edits)
     with threadpool_limits(limits=1):
-        return _learn(demonstrations, edits, options, tell)
+        return _learn(demonstrations, edits, options, tell, previous)
 
 
 def _to_nobody(done: float, what: str) -> None:
@@ -74,7 +83,11 @@ def _to_nobody(done: float, what: str) -> None:
 
 
 def _learn(
-    demonstrations: Sequence[Demonstration], edits: Edits, options: LearningOptions, tell: Progress
+    demonstrations: Sequence[Demonstration],
+    edits: Edits,
+    options: LearningOptions,
+    tell: Progress,
+    previous: Previous | None,
 ) -> LearnedMotion:
     verdicts: dict[int, Verdict] = {}
     motions: dict[int, CleanMotion] = {}
@@ -101,7 +114,7 @@ def _learn(
     pipeline = fit_as_published if options.preset == "paper" else fit_recommended
     fitted = pipeline([motions[index] for index in order], options, tell)
     for row, index in enumerate(order):
-        verdicts[index] = _verdict(demonstrations[index].demonstration_id, fitted, row)
+        verdicts[index] = _verdict(motions[index], fitted, row)
     motion = Motion(
         fitted.mixture.means,
         fitted.mixture.covariances,
@@ -128,7 +141,14 @@ def _learn(
     every = tuple(verdicts[index] for index in range(len(demonstrations)))
     names = [demonstrations[index].demonstration_id for index in used]
     notes = (*fitted.notes, *_orientation_note([motions[index] for index in order]))
-    report = _report(motion, replace(fitted, notes=notes), names, every, options)
+    everyone = [motions[index].demonstration_id for index in order]
+    report = _report(motion, replace(fitted, notes=notes), everyone, names, every, options)
+    tell(0.95, "comparing")
+    if options.preset != "paper":
+        window = options.filter_window or FILTER_WINDOW
+        report = replace(report, paper=to_paper(motion, demonstrations, edits, window))
+    if previous is not None:
+        report = replace(report, previous=to_previous(motion, mean_repeatability(report.as_dict()), previous))
     tell(1.0, "learned")
     return LearnedMotion(motion, every, shown, report)
 
@@ -169,17 +189,19 @@ def _left_out(name: str, reason: str, fault: Fault) -> Verdict:
     return Verdict(name, VerdictKind.LEFT_OUT, reason, None, None, fault)
 
 
-def _verdict(name: str, fitted: Fitted, row: int) -> Verdict:
-    cases: tuple[tuple[dict[int, Remark], VerdictKind, Fault], ...] = (
-        (fitted.left_out, VerdictKind.LEFT_OUT, "odd"),
-        (fitted.in_part, VerdictKind.USED_IN_PART, ""),
-        (fitted.remarks, VerdictKind.USED, ""),
-    )
-    for remarks, kind, fault in cases:
-        if row in remarks:
-            remark = remarks[row]
-            return Verdict(name, kind, remark.reason, remark.place, remark.size, fault)
-    return Verdict(name, VerdictKind.USED, "", None, None, "")
+def _verdict(motion: CleanMotion, fitted: Fitted, row: int) -> Verdict:
+    name, did = motion.demonstration_id, what_it_did(fitted.pauses.get(row, ()), fitted.extras.get(row, ()))
+    if row in fitted.left_out:
+        remark = fitted.left_out[row]
+        if remark.size is not None and is_another(mean_of(fitted.aligned.points, fitted.aligned.weights), motion):
+            remark = another_shape(remark)
+        return Verdict(name, VerdictKind.LEFT_OUT, remark.reason, remark.place, remark.size, "odd")
+    if row in fitted.in_part:
+        remark = fitted.in_part[row]
+        reason = f"{remark.reason}; {did.reason}" if did else remark.reason
+        return Verdict(name, VerdictKind.USED_IN_PART, reason, remark.place, remark.size, "")
+    remark = fitted.remarks.get(row) or did or Remark("")
+    return Verdict(name, VerdictKind.USED, remark.reason, remark.place, remark.size, "")
 
 
 def _check_units(motions: dict[int, CleanMotion], verdicts: dict[int, Verdict]) -> None:
@@ -229,12 +251,16 @@ def _orientation_note(motions: Sequence[CleanMotion]) -> tuple[str, ...]:
 
 
 def _report(
-    motion: Motion, fitted: Fitted, names: Sequence[str], verdicts: tuple[Verdict, ...], options: LearningOptions
+    motion: Motion,
+    fitted: Fitted,
+    everyone: Sequence[str],
+    names: Sequence[str],
+    verdicts: tuple[Verdict, ...],
+    options: LearningOptions,
 ) -> LearningReport:
     grid, points = fitted.phases, fitted.aligned.points
     path = motion.points_at(grid)
     mean = mean_of(points, fitted.aligned.weights)
-    from_mean = np.sqrt(((path - mean) ** 2).sum(axis=1))
     each: list[DemonstrationError] = []
     for name, own in zip(names, points, strict=True):
         away = np.sqrt(((own - path) ** 2).sum(axis=1))
@@ -249,7 +275,8 @@ def _report(
         clock=motion.clock,
         duration=motion.duration,
         length=float(arc_lengths(motion.points_at(np.linspace(0.0, 1.0, 1000)))[-1]),
-        path_error={"rms": float(np.sqrt((from_mean**2).mean())), "max": float(from_mean.max())},
+        path_error=path_error(path, mean),
+        end_error=end_error(motion.points_at(np.array([0.0, 1.0])), mean),
         demonstrations=tuple(each),
         repeatability_phases=tuple(float(place) for place in places),
         repeatability=tuple(float(value) for value in np.interp(places, grid, spread)),
@@ -258,4 +285,13 @@ def _report(
         covariance_rule=motion.covariance_rule,
         notes=fitted.notes,
         options=asdict(options),
+        pauses=_told(fitted.pauses, everyone),
+        extras=_told(fitted.extras, everyone),
+    )
+
+
+def _told(found: Mapping[int, Sequence[Pause | Extra]], names: Sequence[str]) -> tuple[dict[str, Any], ...]:
+    """Return what was found of each motion, with the id of its demonstration."""
+    return tuple(
+        {"demonstration_id": names[row], **asdict(one)} for row, several in sorted(found.items()) for one in several
     )

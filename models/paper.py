@@ -28,6 +28,11 @@ def fit_as_published(motions: list[CleanMotion], options: LearningOptions, tell:
     """Return the paper's mixture of the motions, each with its place on the clock of the longest one."""
     aligned, times = _to_longest(motions, options.alignment or "fastdtw", options.radius or 1)
     tell(0.7, "fitting")
+    return fit_aligned(aligned, times, options)
+
+
+def fit_aligned(aligned: Correspondence, times: Floats, options: LearningOptions) -> Fitted:
+    """Return the paper's mixture of motions aligned to the longest one, whose times (n,) are in s."""
     duration = float(times[-1] - times[0])
     if options.clock == "path":
         lengths = arc_lengths(moving_average(aligned.points.mean(axis=0), 5))
@@ -50,7 +55,7 @@ def fit_as_published(motions: list[CleanMotion], options: LearningOptions, tell:
     samples = np.concatenate(rows)
     edges = np.linspace(clock[0], clock[-1], (options.components or COMPONENTS) + 1)
     mixture = fit_free(samples, in_bins(samples, edges))
-    everyone = tuple(range(len(motions)))
+    everyone = tuple(range(len(aligned.points)))
     name = "path" if options.clock == "path" else "time"
     return Fitted(mixture, name, duration, phases, aligned, everyone, "paper", {}, {}, {}, ())
 

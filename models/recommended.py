@@ -21,6 +21,7 @@ from models.oddness import against_direction, first_pass, mismatch, odd_ones
 from models.options import LearningOptions
 from models.phase import arc_lengths, at, travelled
 from models.placing import laid_freely
+from models.shapes import refuse_mixed
 from models.stretches import Extra, Pause, extras, pauses
 
 CLOCK_POINTS = 300
@@ -45,6 +46,7 @@ def fit_recommended(motions: list[CleanMotion], options: LearningOptions, tell: 
     if options.place == "free":
         motions = laid_freely(motions, curves)
         curves, places = _curves(motions)
+    refuse_mixed([motion.demonstration_id for motion in motions], curves)
     rows = list(range(len(motions)))
     if options.reject_outliers:
         for index in against_direction(curves):

@@ -70,11 +70,12 @@ class LearningReport:
     """What an engineer reads before approving. SI units.
 
     ``path_error`` is the distance between the learned path and the mean of the aligned demonstrations at equal
-    phase: root mean
-    square and largest, m. ``repeatability`` is the standard deviation of the demonstrations' distance from their
-    mean along
-    the path, at ``repeatability_phases``. ``smoothness`` is the log dimensionless jerk of the path at constant
-    speed: nearer to zero is smoother.
+    phase: root mean square and largest, m; ``end_error`` is that of the path's ``start`` and ``end``.
+    ``repeatability`` is the standard deviation of the demonstrations' distance from their mean along the path, at
+    ``repeatability_phases``. ``smoothness`` is the log dimensionless jerk of the path at constant speed: nearer to
+    zero is smoother. ``paper`` is how the paper's preset does on the same demonstrations (nothing for that preset
+    itself), ``previous`` what has changed since the version before, if there was one: see ``models.comparison``.
+    ``pauses`` and ``extras`` are what single demonstrations did that the others did not: see ``models.stretches``.
     """
 
     preset: str
@@ -91,6 +92,11 @@ class LearningReport:
     covariance_rule: str
     notes: tuple[str, ...] = ()
     options: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
+    end_error: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+    pauses: tuple[Mapping[str, Any], ...] = ()
+    extras: tuple[Mapping[str, Any], ...] = ()
+    paper: Mapping[str, Any] | None = None
+    previous: Mapping[str, Any] | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """Return the report as JSON-able values."""
@@ -101,6 +107,7 @@ class LearningReport:
             "duration": self.duration,
             "length": self.length,
             "path_error": dict(self.path_error),
+            "end_error": dict(self.end_error),
             "demonstrations": [asdict(error) for error in self.demonstrations],
             "repeatability": {"phases": list(self.repeatability_phases), "deviation": list(self.repeatability)},
             "smoothness": self.smoothness,
@@ -108,6 +115,10 @@ class LearningReport:
             "covariance_rule": self.covariance_rule,
             "notes": list(self.notes),
             "options": dict(self.options),
+            "pauses": [dict(pause) for pause in self.pauses],
+            "extras": [dict(extra) for extra in self.extras],
+            "paper": None if self.paper is None else dict(self.paper),
+            "previous": None if self.previous is None else dict(self.previous),
         }
 
     def __reduce__(self) -> tuple[Any, ...]:

@@ -10,7 +10,7 @@ from typing import Any
 
 from models.demonstration import Demonstration, Edits
 from models.errors import SkillError
-from models.learning import LearnedMotion, LearningOptions, learn
+from models.learning import LearnedMotion, LearningOptions, Previous, learn
 from models.motion import Motion, Trajectory
 from opcua_skill.workers import report_progress
 from sim.arm import ArmModel, Trace
@@ -43,11 +43,14 @@ def ready() -> bool:
 
 
 def learn_skill(
-    demonstrations: Sequence[Demonstration], edits: Edits, options: LearningOptions
+    demonstrations: Sequence[Demonstration],
+    edits: Edits,
+    options: LearningOptions,
+    previous: Previous | None,
 ) -> LearnedMotion | LearningRefused:
-    """Learn a motion."""
+    """Learn a motion, and compare it with the version before."""
     try:
-        return learn(demonstrations, edits, options, progress=report_progress)
+        return learn(demonstrations, edits, options, progress=report_progress, previous=previous)
     except SkillError as error:
         return LearningRefused(error.argument, str(error))
 

@@ -7,7 +7,9 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 
 from library.description import Failure, JobReport, JobState, Recipe, SkillDescription
+from library.errors import NotFound
 from library.store import SkillLibrary
+from models.comparison import Previous, mean_repeatability
 from models.demonstration import Demonstration, Edits
 from models.learning import LearnedMotion, LearningOptions
 from opcua_skill.computations import LearningRefused, learn_skill, ready
@@ -113,6 +115,7 @@ class LearningJobs:
                     list(request.recordings),
                     request.edits,
                     request.options,
+                    await self._previous(request),
                     seconds=self._settings.learning.timeout,
                     on_progress=lambda fraction: self._progress.__setitem__(job_id, fraction),
                 )
@@ -133,6 +136,14 @@ class LearningJobs:
         if failure is Failure.PARAMETER_INVALID:
             raise LearningFailed(argument, reason)
         raise RuntimeError(reason)
+
+    async def _previous(self, request: LearningRequest) -> Previous | None:
+        """Return what the new version is to be compared with: the version it is based on, else the newest."""
+        try:
+            before = await self._library.description(request.skill_name, request.based_on or 0)
+        except NotFound:
+            return None
+        return Previous(before.version, before.motion(), mean_repeatability(before.report))
 
     async def _store(self, job_id: str, request: LearningRequest, learned: LearnedMotion) -> LearningOutcome:
         description = await self._library.add_version(

@@ -158,7 +158,7 @@ def test_shapes_half_and_half_are_not_averaged_silently() -> None:
         drawn(0.03 * np.column_stack([np.cos(angle), np.sin(angle)]) + 0.04 + 0.001 * i, f"circle-{i}")
         for i in range(3)
     ]
-    with pytest.raises(SkillError, match="same shape"):
+    with pytest.raises(SkillError, match="different shapes"):
         learn([*circles, *PEOPLE[:3]])
 
 
