@@ -83,6 +83,14 @@ class LibraryUnusable(LibraryError):
         self.where = where
 
 
+class Damaged(LibraryError):
+    """Something stored cannot be read back as what it was stored as: nobody who asks for it is at fault."""
+
+    def __init__(self, what: str, reason: str) -> None:
+        super().__init__(f"what is stored of {what} cannot be read, {reason}: restore it from a backup")
+        self.what = what
+
+
 class ReaderError(LibraryError):
     """A file that cannot be read as demonstrations: which file, which line if one is at fault, and what to do."""
 
@@ -90,7 +98,13 @@ class ReaderError(LibraryError):
         place = str(path) if line is None else f"{path}, line {line}"
         super().__init__(f"{place}: {problem}; {remedy}")
         self.path = path
+        self.problem = problem
+        self.remedy = remedy
         self.line = line
+
+    def named(self, path: Path) -> "ReaderError":
+        """Return the same complaint about a file of another name: the one its owner knows."""
+        return ReaderError(path, self.problem, self.remedy, self.line)
 
 
 class ChoiceNeeded(ReaderError):
@@ -102,3 +116,7 @@ class ChoiceNeeded(ReaderError):
         super().__init__(path, problem, remedy, line)
         self.choice = choice
         self.options = options
+
+    def named(self, path: Path) -> "ChoiceNeeded":
+        """Return the same question about a file of another name."""
+        return ChoiceNeeded(path, self.problem, self.remedy, self.choice, self.options, self.line)

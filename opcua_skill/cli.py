@@ -9,7 +9,7 @@ import typer
 
 from models.errors import SkillError
 from opcua_skill.client.errors import ClientError
-from opcua_skill.commands import audit, bench, certificates, demo, jobs, panel, recipes, serve, skills, users
+from opcua_skill.commands import audit, bench, certificates, demo, jobs, panel, recipes, record, serve, skills, users
 from opcua_skill.commands.faults import Fault
 
 app = typer.Typer(
@@ -22,6 +22,7 @@ app.command("demo")(demo.demo)
 app.command("serve")(serve.serve)
 app.command("panel")(panel.panel)
 app.command("learn")(skills.learn)
+app.command("record")(record.record)
 app.add_typer(skills.app, name="skills")
 app.add_typer(recipes.app, name="recipes")
 app.command("run")(jobs.run)

@@ -33,11 +33,20 @@ def fit_to_plate(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plane:
-    """A plane: ``origin`` (3,) in m, ``axes`` (2, 3) of unit length, ``deviation`` RMS distance from it, m."""
+    """A plane: ``origin`` (3,) in m, ``axes`` (2, 3) of unit length.
+
+    ``deviation`` is the RMS and ``farthest`` the greatest distance from it, m, of the samples it was laid through.
+    """
 
     origin: Floats
     axes: Floats
     deviation: float
+    farthest: float
+
+    def words(self) -> str:
+        """Return how flat the samples lie as a sentence without its end."""
+        off, most = 1000 * self.deviation, 1000 * self.farthest
+        return f"the samples lie {off:.2f} mm from one plane (RMS), {most:.2f} mm at most"
 
 
 def common_plane(demonstrations: Sequence[Demonstration]) -> Plane:
@@ -58,7 +67,8 @@ def common_plane(demonstrations: Sequence[Demonstration]) -> Plane:
     first = towards - normal * (towards @ normal)
     first = first / np.linalg.norm(first)
     second = np.cross(normal, first)
-    return Plane(origin, np.array([first, second]), float(sizes[2] / np.sqrt(len(points))))
+    away = np.abs((points - origin) @ normal)
+    return Plane(origin, np.array([first, second]), float(sizes[2] / np.sqrt(len(points))), float(away.max()))
 
 
 def onto_plane(demonstrations: Sequence[Demonstration], plane: Plane) -> list[Demonstration]:

@@ -6,12 +6,13 @@ without one: s and m.
 """
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from library.readers.choices import Choices
-from library.readers.sheet import METRES, SECONDS, Sheet, demonstration
+from library.readers.sheet import MAX_EXTENT, METRES, SECONDS, Sheet, demonstration, orientations_turned_up, turned_up
 from models.demonstration import Demonstration
 
 ROLES = {
@@ -22,6 +23,7 @@ ROLES = {
 }
 HEADER = "name the columns on the first line, for example t_s,x_mm,y_mm,z_mm,trigger"
 QUATERNION = ("qx", "qy", "qz", "qw")
+MAX_EXTENT_WITHOUT_UNIT = 3.0
 ON_OFF = {"0": False, "1": True, "false": False, "true": True, "off": False, "on": True}
 _COLUMN = re.compile(r"([a-z_]+?)(?:_(s|ms|us|ns|m|cm|mm)| ?[\[(](\w+)[\])])?")
 
@@ -49,7 +51,8 @@ def read(sheet: Sheet, choices: Choices) -> list[Demonstration]:
         raise sheet.error("there are no samples below the header", "export it again")
     stem = sheet.path.stem
     return [
-        _one(sheet, f"{stem}-{label}" if label else stem, group, columns, factors) for label, group in groups.items()
+        _one(sheet, f"{stem}-{label}" if label else stem, group, columns, factors, choices)
+        for label, group in groups.items()
     ]
 
 
@@ -90,7 +93,12 @@ def _factor(sheet: Sheet, role: str, unit: str, choices: Choices) -> float:
 
 
 def _one(
-    sheet: Sheet, name: str, lines: list[int], columns: dict[str, int], factors: dict[str, float]
+    sheet: Sheet,
+    name: str,
+    lines: list[int],
+    columns: dict[str, int],
+    factors: dict[str, float],
+    choices: Choices,
 ) -> Demonstration:
     axes = [axis for axis in ("x", "y", "z") if axis in columns]
     times = np.array([sheet.number(line, columns["t"]) for line in lines])
@@ -113,7 +121,19 @@ def _one(
             raise sheet.error("the quaternion has not length 1", "mend or delete the line", lines[int(wrong[0])])
         orientations = orientations / lengths[:, None]
     times, points = times * factors["t"], points * factors["x"]
-    return demonstration(sheet.path, name, times, points, triggers=triggers, orientations=orientations)
+    if len(axes) == 3 and choices.up_axis:
+        points = turned_up(points, choices.up_axis)
+        orientations = None if orientations is None else orientations_turned_up(orientations, choices.up_axis)
+    named = bool(choices.unit) or _unit_of(sheet, columns["x"]) != ""
+    farthest = MAX_EXTENT if named else MAX_EXTENT_WITHOUT_UNIT
+    return demonstration(
+        sheet.path, name, times, points, triggers=triggers, orientations=orientations, farthest=farthest
+    )
+
+
+def _unit_of(sheet: Sheet, column: int) -> str:
+    match = _COLUMN.fullmatch(sheet.cells(1)[column].lower())
+    return (match.group(2) or match.group(3) or "") if match else ""
 
 
 def _on(sheet: Sheet, line: int, column: int) -> bool:
@@ -125,9 +145,27 @@ def _on(sheet: Sheet, line: int, column: int) -> bool:
 
 def write(path: Path, demonstration: Demonstration) -> None:
     """Write a demonstration as plain CSV in s and m: read again, it is the same bit for bit."""
-    axes = ("x_m", "y_m", "z_m")[: demonstration.dimension]
-    lines = [",".join(("t_s", *axes, "trigger"))]
-    for time, point, trigger in zip(demonstration.times, demonstration.points, demonstration.triggers, strict=True):
-        coordinates = ("" if np.isnan(value) else repr(float(value)) for value in point)
-        lines.append(",".join((repr(float(time)), *coordinates, str(int(trigger)))))
+    axes = _axes(demonstration)
+    lines = [",".join(("t_s", *axes, "trigger")), *_lines(demonstration)]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def write_all(path: Path, demonstrations: Sequence[Demonstration]) -> None:
+    """Write several demonstrations of one kind into one file, told apart by a column ``demonstration``."""
+    head = ",".join(("demonstration", "t_s", *_axes(demonstrations[0]), "trigger"))
+    lines = [f"{one.demonstration_id},{line}" for one in demonstrations for line in _lines(one)]
+    path.write_text("\n".join([head, *lines]) + "\n", encoding="utf-8")
+
+
+def _axes(demonstration: Demonstration) -> tuple[str, ...]:
+    axes = ("x_m", "y_m", "z_m")[: demonstration.dimension]
+    return axes if demonstration.orientations is None else (*axes, *QUATERNION)
+
+
+def _lines(one: Demonstration) -> list[str]:
+    turned = np.zeros((len(one.times), 0)) if one.orientations is None else one.orientations
+    lines: list[str] = []
+    for time, point, turn, trigger in zip(one.times, one.points, turned, one.triggers, strict=True):
+        values = ("" if np.isnan(value) else repr(float(value)) for value in (*point, *turn))
+        lines.append(",".join((repr(float(time)), *values, str(int(trigger)))))
+    return lines

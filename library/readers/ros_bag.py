@@ -57,9 +57,7 @@ def read(path: Path, choices: Choices) -> list[Demonstration]:
 
 
 def _recording(path: Path) -> Path:
-    """Return the file of a ROS 1 recording, or the folder of a ROS 2 one of which a file may be named."""
-    if path.is_dir() or path.suffix == ".bag":
+    """Return the folder of a ROS 2 recording of which a file was named, or else what was named: a file may be alone."""
+    if path.is_dir() or path.suffix == ".bag" or not (path.parent / "metadata.yaml").exists():
         return path
-    if not (path.parent / "metadata.yaml").exists():
-        raise ReaderError(path, "there is no metadata.yaml beside it", "copy the whole folder of the recording")
     return path.parent

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Self
 
 import numpy as np
+from scipy.spatial.transform import Rotation  # pyright: ignore[reportMissingTypeStubs]
 
 from library.errors import ChoiceNeeded, ReaderError
 from models.demonstration import Bools, Demonstration, Floats
@@ -93,20 +94,22 @@ def demonstration(
     *,
     triggers: Bools | None = None,
     orientations: Floats | None = None,
+    farthest: float = MAX_EXTENT,
 ) -> Demonstration:
     """Return what was read as a demonstration from time 0 on, or complain that it cannot be one.
 
     ``times`` (n,) in s, ``points`` (n, d) in m with NaN for gaps, ``triggers`` (n,), missing: always on.
+    Beyond ``farthest`` m from the origin the unit has to be said: nobody works there.
     """
     if len(times) < 2:
         raise ReaderError(path, f"{name} has {len(times)} samples", "at least 2 are needed: record it again")
     if np.isnan(points).any(axis=1).all():
         raise ReaderError(path, f"{name} has no position at all", "choose a marker that was seen")
     extent = float(np.nanmax(np.abs(points)))
-    if extent > MAX_EXTENT:
+    if extent > farthest:
         raise ChoiceNeeded(
             path,
-            f"{name} is up to {extent:.0f} m away from the origin",
+            f"{name} is up to {extent:.1f} m away from the origin",
             "name the unit of its positions, as in x_mm, or choose it when reading",
             "unit",
             ("m", "cm", "mm"),
@@ -131,3 +134,10 @@ def turned_up(points: Floats, up_axis: str) -> Floats:
     if up_axis == "x":
         return points[:, [1, 2, 0]]
     return points
+
+
+def orientations_turned_up(orientations: Floats, up_axis: str) -> Floats:
+    """Return unit quaternions (n, 4), x y z w, turned with their positions: `turned_up` of every axis of the tool."""
+    columns = turned_up(np.eye(3), up_axis)
+    turn = Rotation.from_matrix(columns.T)
+    return np.asarray((turn * Rotation.from_quat(orientations)).as_quat(), dtype=np.float64)

@@ -21,9 +21,13 @@ from opcua_skill.commands.connection import (
 from opcua_skill.commands.faults import Fault
 from opcua_skill.commands.fields import made_of
 from opcua_skill.commands.output import notes, print_json, say, screen, table, when
+from opcua_skill.commands.quality import facts
+from opcua_skill.commands.reading import Marker, OnePlane, Placing, Topic, ToPlate, Unit, UpAxis, choices_of, read_files
 
 app = typer.Typer(no_args_is_help=True, help="Skills of the library: look, approve, deploy, exchange.")
 SkillName = Annotated[str, typer.Argument(metavar="SKILL", help="name of the skill")]
+SemanticType = Annotated[str, typer.Option("--type", help="semantic type, e.g. Gluing; a known skill keeps its own")]
+Option = Annotated[list[str] | None, typer.Option("--option", metavar="K=V", help="learning option, repeatable")]
 FORMATS = {".json": "json", ".aml": "aml", ".aas": "aas"}
 
 
@@ -38,44 +42,56 @@ def learning_options(given: list[str]) -> LearningOptions:
 
 def learn(
     skill: SkillName,
-    files: Annotated[list[Path], typer.Argument(exists=True, dir_okay=False, help="files of demonstrations")],
-    semantic_type: Annotated[
-        str, typer.Option("--type", help="semantic type, e.g. Gluing; a known skill keeps its own")
-    ] = "",
-    option: Annotated[
-        list[str] | None, typer.Option("--option", metavar="K=V", help="learning option, repeatable")
-    ] = None,
+    files: Annotated[list[Path], typer.Argument(exists=True, help="files of demonstrations, or folders of ROS 2 bags")],
+    semantic_type: SemanticType = "",
+    option: Option = None,
+    marker: Marker = "",
+    unit: Unit = "",
+    up_axis: UpAxis = "",
+    topic: Topic = "",
+    plane: OnePlane = False,
+    to_plate: ToPlate = False,
     server: Server = DEFAULT_SERVER,
     user: User = "",
     as_json: Json = False,
 ) -> None:
     """Send files of human demonstrations to the server, which learns a skill version from them."""
-    from library.readers import read_all
-
     options = learning_options(option or [])
-    demonstrations = read_all(files)
+    choices = choices_of(marker, unit, up_axis, topic)
+    demonstrations = read_files(files, choices, Placing(plane=plane, fit_to_plate=to_plate))
 
     async def work(client: SkillClient) -> tuple[Learned, Skill]:
         kind = semantic_type or await known_type(client, skill)
         learned = await client.learn(skill, demonstrations, semantic_type=kind, options=options)
-        version = learned.version
-        if learned.state != "Completed":
-            with Progress(TextColumn("learning"), BarColumn(), TimeElapsedColumn(), console=notes) as bar:
-                task = bar.add_task("", total=1.0)
-                report = await client.follow(
-                    learned.job_id, on_progress=lambda job: bar.update(task, completed=job.progress)
-                )
-            if report.state != "Completed":
-                raise Fault(f"learning {skill} ended {report.state}: {report.message or report.failure}")
-            version = report.skill_version
-        return learned, await client.skill(skill, version)
+        return learned, await made_of_it(client, skill, learned)
 
     learned, made = with_client(server, user, work)
     if as_json:
         results = dict(zip((one.demonstration_id for one in demonstrations), learned.results, strict=False))
         print_json({**summary(made), "job_id": learned.job_id, "results": results, "report": made.report})
         return
+    say_learned(made)
+
+
+async def made_of_it(client: SkillClient, skill: str, learned: Learned) -> Skill:
+    """Return the version that was learned, once it is; shows how far the job has come."""
+    version = learned.version
+    if learned.state != "Completed":
+        with Progress(TextColumn("learning"), BarColumn(), TimeElapsedColumn(), console=notes) as bar:
+            task = bar.add_task("", total=1.0)
+            report = await client.follow(
+                learned.job_id, on_progress=lambda job: bar.update(task, completed=job.progress)
+            )
+        if report.state != "Completed":
+            raise Fault(f"learning {skill} ended {report.state}: {report.message or report.failure}")
+        version = report.skill_version
+    return await client.skill(skill, version)
+
+
+def say_learned(made: Skill) -> None:
+    """Tell what became of each demonstration, and what was made of them."""
     screen.print(verdict_table(made))
+    screen.print(table("quality", ("what", "value"), facts(made.report)))
     digest = made.model_digest.hex()[:16]
     say(f"{made.name} version {made.version} is {made.state}: {len(made.means)} components, digest {digest}…")
 
@@ -156,9 +172,9 @@ def show(
     if as_json:
         print_json(found.document)
         return
-    facts = [(key, value.hex() if isinstance(value, bytes) else value) for key, value in summary(found).items()]
-    facts += [(key, value) for key, value in found.report.items() if isinstance(value, str | int | float)]
-    screen.print(table(f"{found.name} version {found.version}", ("what", "value"), facts))
+    plain = [(key, value.hex() if isinstance(value, bytes) else value) for key, value in summary(found).items()]
+    screen.print(table(f"{found.name} version {found.version}", ("what", "value"), plain))
+    screen.print(table("quality", ("what", "value"), facts(found.report)))
     screen.print(verdict_table(found))
 
 
