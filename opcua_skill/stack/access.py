@@ -32,6 +32,10 @@ class Identity:
     name: str
     role: Role
 
+    def may_hear_of(self, user: str) -> bool:
+        """Return whether audit events about a user are for these ears: one's own, and all for engineers and above."""
+        return self.role in Role.ENGINEER.and_above or (bool(self.name) and self.name == user)
+
 
 @dataclass(frozen=True, slots=True)
 class Peer:
@@ -75,6 +79,8 @@ class SignedIn(User):
 
 
 _caller: ContextVar[Caller] = ContextVar("opcua_skill_caller")
+audit_entry_id: ContextVar[str] = ContextVar("opcua_skill_audit_entry_id", default="")
+"""The id a client has given the request that is answered now, for the audit trail; empty if it gave none."""
 
 
 def caller() -> Caller:

@@ -15,7 +15,7 @@ from asyncua.ua.attribute_ids import AttributeIds
 from asyncua.ua.object_ids import ObjectIds as Ids
 from asyncua.ua.status_codes import StatusCodes as Codes
 
-from opcua_skill.stack.access import Caller, Role, caller
+from opcua_skill.stack.access import Caller, Role, audit_entry_id, caller
 from opcua_skill.stack.arguments import ArgumentCheck, compile_check, output_variant
 from opcua_skill.stack.values import node_id, status, status_name
 
@@ -71,7 +71,8 @@ class CallRecord:
     """What was called, by whom, with what, and how it ended: the material of the audit trail.
 
     ``arguments`` are (name, value) pairs as decoded; secret ones read "***". When the call did not even have the
-    right number of arguments, they are named by position.
+    right number of arguments, they are named by position. ``client_audit_entry_id`` is what the client calls this
+    request in its own records, empty if it did not say.
     """
 
     caller: Caller
@@ -81,6 +82,7 @@ class CallRecord:
     arguments: tuple[tuple[str, Any], ...]
     status: int
     reason: str
+    client_audit_entry_id: str = ""
 
     @property
     def status_name(self) -> str:
@@ -275,7 +277,7 @@ class CheckedMethods(MethodService):
             else tuple((str(place), "?") for place in range(len(given)))
         )
         name = spec.name if spec is not None else method_id.to_string()
-        record = CallRecord(caller(), object_id, method_id, name, arguments, status, reason)
+        record = CallRecord(caller(), object_id, method_id, name, arguments, status, reason, audit_entry_id.get())
         who = record.caller
         if reason:
             log.warning(

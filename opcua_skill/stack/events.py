@@ -16,11 +16,12 @@ from asyncua.ua.object_ids import ObjectIds as Ids
 
 from opcua_skill.stack.arguments import builtin_types
 from opcua_skill.stack.calls import CallRecord
-from opcua_skill.stack.types import notifiers
-from opcua_skill.stack.values import SERVER, status
+from opcua_skill.stack.types import is_subtype, notifiers
+from opcua_skill.stack.values import SERVER, node_id, status
 
 log = logging.getLogger(__name__)
 LONGEST_AUDITED_VALUE = 200
+_AUDIT = node_id(Ids.AuditEventType)
 
 
 async def make_notifier(node: Node, parent: Node | None = None) -> None:
@@ -32,7 +33,7 @@ async def make_notifier(node: Node, parent: Node | None = None) -> None:
 
 async def deliver(iserver: Any, source: ua.NodeId, event: Event) -> None:
     """Complete an event (EventId, Time, ReceiveTime, LocalTime, SourceNode, SourceName) and give it to all subscribers
-    of the source, of its notifiers upwards, and of the Server object."""
+    of the source, of its notifiers upwards, and of the Server object; an audit event only to those whom it is for."""
     aspace = iserver.aspace
     now = datetime.now(UTC)
     _set(event, "EventId", secrets.token_bytes(16), ua.VariantType.ByteString)
@@ -53,9 +54,12 @@ async def deliver(iserver: Any, source: ua.NodeId, event: Event) -> None:
     for field, kind in event.data_types.items():
         if isinstance(kind, ua.NodeId):  # asyncua's generated classes name some types by their DataType node
             event.data_types[field] = ua.VariantType(next(iter(builtin_types(aspace, kind))))
+    about = (
+        str(getattr(event, "ClientUserId", "") or "") if is_subtype(aspace, vars(event)["EventType"], _AUDIT) else None
+    )
     for notifier in notifiers(aspace, source):
-        heard = copy.copy(event)
-        heard.emitting_node = notifier
+        heard: Any = copy.copy(event)
+        heard.emitting_node, heard.audited_user = notifier, about
         await iserver.subscription_service.trigger_event(heard)
 
 
@@ -73,6 +77,7 @@ def call_event(record: CallRecord, server_uri: str) -> Event:
     _set(event, "Status", not record.reason, ua.VariantType.Boolean)
     _set(event, "ServerId", server_uri, ua.VariantType.String)
     _set(event, "ClientUserId", record.caller.name, ua.VariantType.String)
+    _set(event, "ClientAuditEntryId", record.client_audit_entry_id, ua.VariantType.String)
     _set(event, "MethodId", record.method_id, ua.VariantType.NodeId)
     _set(event, "StatusCodeId", status(record.status), ua.VariantType.StatusCode)
     _set(event, "InputArguments", arguments, ua.VariantType.Variant)

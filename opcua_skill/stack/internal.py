@@ -19,7 +19,7 @@ from cryptography import x509
 from opcua_skill.security.chains import CertificateFault, Known, fault
 from opcua_skill.security.settings import SecuritySettings
 from opcua_skill.security.trust import TrustList
-from opcua_skill.stack.access import Role, SignIn
+from opcua_skill.stack.access import Identity, Role, SignIn
 from opcua_skill.stack.audit import OnSignIn, SignInRecord, certificate_event, claimed, sign_in_event
 from opcua_skill.stack.calls import CheckedMethods
 from opcua_skill.stack.events import deliver
@@ -117,6 +117,13 @@ class SkillInternalServer(InternalServer):
             if found in {CertificateFault.UNTRUSTED, CertificateFault.INCOMPLETE}:
                 await asyncio.to_thread(self.trust.reject, certificate)
         return getattr(Codes, found.value) if found is not None else Codes.Good
+
+    def identity_of(self, session_id: ua.NodeId) -> Identity | None:
+        """Return who an activated session belongs to."""
+        for session in self._external_sessions.values():
+            if session.session_id == session_id and isinstance(session, Session) and session.is_activated():
+                return session.identity
+        return None
 
     def may_transfer(self, subscription_id: int, to: Session) -> int:
         """Return 0 if a session may take a subscription over from another of the same user and client, or why not."""

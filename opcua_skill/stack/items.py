@@ -180,6 +180,9 @@ class Items(MonitoredItemService):
         item = self._monitored_items.get(mid)
         if item is None or item.where_clause_evaluator is None or item.mode == ua.MonitoringMode.Disabled:
             return
+        about = getattr(event, "audited_user", None)
+        if about is not None and not self.isub.may_hear_of(about):
+            return
         if not item.where_clause_evaluator.eval(event):
             return
         fields = ua.EventFieldList()

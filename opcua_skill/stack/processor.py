@@ -17,6 +17,7 @@ from asyncua.ua.ua_binary import nodeid_from_binary, struct_to_binary, uatcp_to_
 from asyncua.ua.uaerrors import UaStatusCodeError
 from cryptography.exceptions import InvalidSignature
 
+from opcua_skill.stack.access import audit_entry_id
 from opcua_skill.stack.chunks import Request, SecureChannel
 from opcua_skill.stack.decoding import MALFORMED, decode
 from opcua_skill.stack.services import SERVICES
@@ -30,6 +31,7 @@ CALLS_AT_ONCE = 8
 LONG_CALL_SECONDS = 0.05
 HEAVY_SECONDS, LONGEST_PAUSE = 0.02, 0.25
 CLOSE = 0
+LONGEST_AUDIT_ENTRY_ID = 200
 CHUNK_TOLERANCE = 1024
 LIFETIME_MS = (10_000, 3_600_000)
 _CALL = Ids.CallRequest_Encoding_DefaultBinary
@@ -203,6 +205,7 @@ class Processor(SessionServices):
             if entry is None:
                 raise ServiceError(Codes.BadServiceUnsupported)
             kind, answer = entry
+            audit_entry_id.set(str(header.AuditEntryId or "")[:LONGEST_AUDIT_ENTRY_ID])
             begun = time.perf_counter()
             params = decode(kind, body)
             decoded = time.perf_counter()

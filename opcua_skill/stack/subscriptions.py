@@ -63,6 +63,7 @@ class Subscription(InternalSubscription):
     ) -> None:
         super().__init__(data, service.aspace, callback, session_id, **options)
         self._encodings = service.encodings
+        self._iserver = service.iserver
         self.monitored_item_srv = Items(self, service.aspace, service.iserver.limits)
 
     def queue_value(self, mid: int, item: MonitoredItemData, value: ua.DataValue) -> None:
@@ -72,6 +73,13 @@ class Subscription(InternalSubscription):
         if item.queue_size and len(queue) >= item.queue_size:
             del queue[0]
         queue.append(notification)
+
+    def may_hear_of(self, user: str) -> bool:
+        """Return whether audit events about a user may be told here; the server's own subscriptions hear all."""
+        if self.pub_request_callback is None:
+            return True
+        identity = self._iserver.identity_of(self.session_id)
+        return identity is not None and identity.may_hear_of(user)
 
     def forget_item(self, mid: int) -> None:
         """Drop what was queued for an item that is deleted."""

@@ -55,3 +55,30 @@ async def test_a_session_whose_id_looks_like_a_number_signs_in_like_any_other():
     identifier = base64.b64decode("0xVk9Jeuk9LkdC8z6ywePg==")
     told = SignInRecord("eve", "engineer", "password", "127.0.0.1", node_id(identifier, 1).to_string(), 0)
     assert sign_in_event(told, "urn:test").SessionId == node_id(identifier, 1)
+
+
+async def test_audit_events_are_for_engineers_and_for_whom_they_are_about(bench: Bench):
+    who = f"{bench.index}:WhoAmI"
+    async with bench.client("observer") as observer, bench.client("engineer") as engineer:
+        ears = [
+            await listen(one, one.nodes.server, ua.ObjectIds.AuditUpdateMethodEventType) for one in (observer, engineer)
+        ]
+        async with bench.client("operator") as operator:
+            await operator.get_node(bench.cell).call_method(who)
+        with pytest.raises(ua.uaerrors.BadUserAccessDenied):
+            await observer.get_node(bench.cell).call_method(f"{bench.index}:Engineer")
+        assert [(await ears[1].next()).ClientUserId for _ in range(2)] == ["operator", "observer"]
+        assert (await ears[0].next()).ClientUserId == "observer"
+
+
+async def test_an_audit_event_names_the_client_s_own_id_of_the_request(bench: Bench):
+    async with bench.client("engineer") as client:
+        heard = await listen(client, client.nodes.server, ua.ObjectIds.AuditUpdateMethodEventType)
+        request = ua.CallRequest()
+        request.RequestHeader.AuditEntryId = "order 66"
+        method = ua.NodeId("Cell/WhoAmI", bench.index)
+        request.Parameters.MethodsToCall = [ua.CallMethodRequest(ObjectId=bench.cell, MethodId=method)]
+        await client.uaclient.protocol.send_request(request)
+        await client.get_node(bench.cell).call_method(f"{bench.index}:WhoAmI")
+        assert [(await heard.next()).ClientAuditEntryId or "" for _ in range(2)] == ["order 66", ""]
+    assert [record.client_audit_entry_id for record in bench.records] == ["order 66", ""]
