@@ -91,6 +91,14 @@ class Damaged(LibraryError):
         self.what = what
 
 
+class Damaged(LibraryError):
+    """Something stored cannot be read back as what it was stored as: nobody who asks for it is at fault."""
+
+    def __init__(self, what: str, reason: str) -> None:
+        super().__init__(f"what is stored of {what} cannot be read, {reason}: restore it from a backup")
+        self.what = what
+
+
 class ReaderError(LibraryError):
     """A file that cannot be read as demonstrations: which file, which line if one is at fault, and what to do."""
 

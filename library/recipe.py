@@ -20,30 +20,30 @@ class Recipe(Value):
     fraction.
     ``frame`` is the part in the arm's base: x y z in m, then the unit quaternion qx qy qz qw. ``standoff``,
     ``approach_height``, ``retract_height`` and ``max_deviation`` (0: not checked) are in m, ``dispense_lead`` in s
-    (positive: the valve opens that much earlier).
+    (positive: the valve opens that much earlier). The ranges are those within which a motion can be planned at all.
     """
 
     recipe_id: RecipeId
     skill_name: Name
     skill_version: int = Field(default=0, ge=0, le=2**32 - 1)
     product: Text = ""
-    time_step: float = Field(default=0.008, ge=0.0005, le=0.1)
+    time_step: float = Field(default=0.008, ge=0.001, le=0.02)
     timing: Timing = "demonstrated"
     duration: float = Field(default=0.0, ge=0.0, le=3600.0)
-    speed: float = Field(default=0.0, ge=0.0, le=5.0)
+    speed: float = Field(default=0.0, ge=0.0, le=1.0)
     speed_override: float = Field(default=1.0, gt=0.0, le=1.0)
     frame: Pose = (0.45, 0.0, 0.1, 0.0, 0.0, 0.0, 1.0)
     standoff: float = Field(default=0.005, ge=0.0, le=0.5)
-    approach_height: float = Field(default=0.05, ge=0.0, le=1.0)
-    retract_height: float = Field(default=0.05, ge=0.0, le=1.0)
-    dispense_lead: float = Field(default=0.0, ge=-5.0, le=5.0)
+    approach_height: float = Field(default=0.05, ge=0.0, le=0.5)
+    retract_height: float = Field(default=0.05, ge=0.0, le=0.5)
+    dispense_lead: float = Field(default=0.0, ge=-1.0, le=1.0)
     max_deviation: float = Field(default=0.001, ge=0.0, le=1.0)
     parameters: dict[Name, float | Text] = Field(default_factory=dict, max_length=200)
 
     @model_validator(mode="after")
     def _parts_agree(self) -> "Recipe":
         if self.timing == "constant_speed" and self.speed == 0.0:
-            raise InvalidValue("speed", self.speed, "timing constant_speed needs a speed above 0 and at most 5 m/s")
+            raise InvalidValue("speed", self.speed, "timing constant_speed needs a speed above 0 and at most 1 m/s")
         if any(abs(x) > 10.0 for x in self.frame[:3]):
             raise InvalidValue("frame", self.frame, "x, y and z lie within 10 m of the arm's base")
         if abs(math.hypot(*self.frame[3:]) - 1.0) > 1e-6:

@@ -4,19 +4,29 @@ import hashlib
 import io
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from library.errors import InvalidValue
+from library.errors import Damaged, InvalidValue
 from library.values import as_utc, check_text
 from models.demonstration import Demonstration
 from models.report import AlignedDemonstration
 
 Scalar = TypeVar("Scalar", bound=np.generic)
+
+
+@contextmanager
+def stored(what: str) -> Generator[None]:
+    """Say Damaged, naming what, where a stored row cannot be read back, whatever is wrong with it."""
+    try:
+        yield
+    except (InvalidValue, ValueError, TypeError, KeyError) as error:
+        raise Damaged(what, f"{error}") from error
 
 
 def pack(array: NDArray[Any]) -> bytes:
@@ -88,16 +98,17 @@ def pack_recording(recording: Demonstration) -> PackedRecording:
 
 def unpack_recording(row: Any) -> Demonstration:
     """Return the recording of a row, equal bit for bit to the one that was packed."""
-    return Demonstration(
-        demonstration_id=row.demonstration_id,
-        times=unpack(row.times, np.float64),
-        points=unpack(row.points, np.float64),
-        triggers=unpack(row.triggers, np.bool_),
-        operator=row.operator,
-        source=row.source,
-        recorded_at=row.recorded_at,
-        orientations=None if row.orientations is None else unpack(row.orientations, np.float64),
-    )
+    with stored(f"recording {row.demonstration_id}"):
+        return Demonstration(
+            demonstration_id=row.demonstration_id,
+            times=unpack(row.times, np.float64),
+            points=unpack(row.points, np.float64),
+            triggers=unpack(row.triggers, np.bool_),
+            operator=row.operator,
+            source=row.source,
+            recorded_at=row.recorded_at,
+            orientations=None if row.orientations is None else unpack(row.orientations, np.float64),
+        )
 
 
 def pack_aligned(aligned: AlignedDemonstration) -> dict[str, Any]:
@@ -113,13 +124,14 @@ def pack_aligned(aligned: AlignedDemonstration) -> dict[str, Any]:
 
 def unpack_aligned(row: Any) -> AlignedDemonstration:
     """Return the aligned demonstration of a row."""
-    return AlignedDemonstration(
-        demonstration_id=row.demonstration_id,
-        phases=unpack(row.phases, np.float64),
-        times=unpack(row.times, np.float64),
-        points=unpack(row.points, np.float64),
-        triggers=unpack(row.triggers, np.bool_),
-    )
+    with stored(f"aligned demonstration {row.demonstration_id}"):
+        return AlignedDemonstration(
+            demonstration_id=row.demonstration_id,
+            phases=unpack(row.phases, np.float64),
+            times=unpack(row.times, np.float64),
+            points=unpack(row.points, np.float64),
+            triggers=unpack(row.triggers, np.bool_),
+        )
 
 
 def _check_shapes(recording: Demonstration) -> None:

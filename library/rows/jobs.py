@@ -11,7 +11,7 @@ from library.lifecycle import FINAL_JOB_STATES, JobState, check_job_move
 from library.recipe import Recipe
 from library.records import Failure, JobReport, JobTrace
 from library.rows import recipes
-from library.rows.encoding import pack, to_text, unpack
+from library.rows.encoding import pack, stored, to_text, unpack
 from library.tables import jobs, traces
 from library.values import now
 
@@ -62,7 +62,8 @@ def read_recipe(connection: sql.Connection, job_id: str) -> Recipe | None:
     """Return the recipe of a job as it was when the job was added; None if it has none."""
     read(connection, job_id)
     content = connection.scalar(sql.select(jobs.c.recipe).where(jobs.c.job_id == job_id))
-    return Recipe.from_json(content) if content else None
+    with stored(f"the recipe of job {job_id}"):
+        return Recipe.from_json(content) if content else None
 
 
 def move(connection: sql.Connection, job_id: str, to: JobState, changes: dict[str, Any]) -> JobReport:
@@ -148,12 +149,13 @@ def pack_trace(job_id: str, trace: JobTrace) -> dict[str, Any]:
 
 def unpack_trace(row: Any) -> JobTrace:
     """Return the trace of a row."""
-    return JobTrace(
-        times=unpack(row.times, np.float64),
-        commanded=unpack(row.commanded, np.float64),
-        measured=unpack(row.measured, np.float64),
-        columns=tuple(json.loads(row.columns)),
-    )
+    with stored(f"the trace of job {row.job_id}"):
+        return JobTrace(
+            times=unpack(row.times, np.float64),
+            commanded=unpack(row.commanded, np.float64),
+            measured=unpack(row.measured, np.float64),
+            columns=tuple(json.loads(row.columns)),
+        )
 
 
 def save_trace(connection: sql.Connection, job_id: str, row: dict[str, Any]) -> None:
@@ -174,5 +176,6 @@ def trace_row(connection: sql.Connection, job_id: str) -> sql.Row[Any]:
 
 
 def _report(row: Any) -> JobReport:
-    stored = JobReport.from_json(row.report)
-    return stored.model_copy(update={"state": JobState(row.state), "progress": row.progress})
+    with stored(f"job {row.job_id}"):
+        report = JobReport.from_json(row.report)
+        return report.model_copy(update={"state": JobState(row.state), "progress": row.progress})

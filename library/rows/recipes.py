@@ -9,6 +9,7 @@ from library.errors import AlreadyExists, InUse, InvalidValue, NotFound
 from library.lifecycle import FINAL_JOB_STATES
 from library.recipe import Recipe
 from library.rows import versions
+from library.rows.encoding import stored
 from library.tables import jobs, recipes, skills
 from library.values import MAX_RECIPE_ID, now
 
@@ -16,9 +17,9 @@ from library.values import MAX_RECIPE_ID, now
 def put(connection: sql.Connection, recipe: Recipe, actor: str) -> None:
     """Store a recipe, or change the one with that id; its process parameters have to be ones the skill has."""
     check_parameters(recipe, versions.read(connection, recipe.skill_name, recipe.skill_version))
-    there = find(connection, recipe.recipe_id)
-    if there is not None and there.skill_name != recipe.skill_name:
-        raise AlreadyExists("recipe", recipe.recipe_id, f"it belongs to {there.skill_name}, choose another id")
+    owner = _skill_of(connection, recipe.recipe_id)
+    if owner not in {None, recipe.skill_name}:
+        raise AlreadyExists("recipe", recipe.recipe_id, f"it belongs to {owner}, choose another id")
     connection.execute(recipes.delete().where(recipes.c.recipe_id == recipe.recipe_id))
     connection.execute(
         recipes.insert().values(
@@ -44,7 +45,10 @@ def check_parameters(recipe: Recipe, description: SkillDescription) -> None:
 def find(connection: sql.Connection, recipe_id: str) -> Recipe | None:
     """Return a recipe, if there is one with that id."""
     content = connection.scalar(sql.select(recipes.c.content).where(recipes.c.recipe_id == recipe_id))
-    return None if content is None else Recipe.from_json(content)
+    if content is None:
+        return None
+    with stored(f"recipe {recipe_id}"):
+        return Recipe.from_json(content)
 
 
 def read(connection: sql.Connection, recipe_id: str) -> Recipe:
@@ -59,23 +63,33 @@ def of_skill(connection: sql.Connection, skill_name: str) -> list[Recipe]:
     """Return the recipes of a skill, or of all skills for "", in the order of their ids."""
     if skill_name:
         versions.number(connection, skill_name, 0)
-    query = sql.select(recipes.c.content).order_by(recipes.c.recipe_id)
+    query = sql.select(recipes.c.recipe_id, recipes.c.content).order_by(recipes.c.recipe_id)
     if skill_name:
         query = query.where(recipes.c.skill_name == skill_name)
-    return [Recipe.from_json(content) for content in connection.scalars(query)]
+    found: list[Recipe] = []
+    for row in connection.execute(query):
+        with stored(f"recipe {row.recipe_id}"):
+            found.append(Recipe.from_json(row.content))
+    return found
 
 
 def delete(connection: sql.Connection, recipe_id: str) -> None:
     """Delete a recipe, unless it is a skill's default or a job that has not ended names it."""
-    recipe = read(connection, recipe_id)
-    what = f"recipe {recipe_id}"
+    owner, what = _skill_of(connection, recipe_id), f"recipe {recipe_id}"
+    if owner is None:
+        raise NotFound("recipe", recipe_id)
     if connection.scalar(sql.select(skills.c.name).where(skills.c.default_recipe_id == recipe_id)):
-        raise InUse(what, f"as the default of {recipe.skill_name}", "change it instead")
+        raise InUse(what, f"as the default of {owner}", "change it instead")
     waiting = sql.select(jobs.c.job_id).where(jobs.c.recipe_id == recipe_id, jobs.c.state.not_in(FINAL_JOB_STATES))
     job_id = connection.scalar(waiting.limit(1))
     if job_id is not None:
         raise InUse(what, f"by job {job_id}", "wait for its end or abort it")
     connection.execute(recipes.delete().where(recipes.c.recipe_id == recipe_id))
+
+
+def _skill_of(connection: sql.Connection, recipe_id: str) -> str | None:
+    """Return whose recipe it is, also of one that cannot be read: it can still be replaced or deleted."""
+    return connection.scalar(sql.select(recipes.c.skill_name).where(recipes.c.recipe_id == recipe_id))
 
 
 def free_id(connection: sql.Connection, name: str) -> str:

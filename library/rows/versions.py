@@ -9,7 +9,7 @@ import sqlalchemy as sql
 from library.description import Decision, SkillDescription
 from library.errors import DigestDiffers, InUse, NotAllowedInState, NotFound, OwnVersion
 from library.lifecycle import VersionState, check_version_move
-from library.rows.encoding import to_text
+from library.rows.encoding import stored, to_text
 from library.tables import aligned, decisions, deployments, skills, versions
 from library.values import now
 
@@ -61,38 +61,39 @@ def read(connection: sql.Connection, name: str, version: int) -> SkillDescriptio
         .where(deployments.c.skill_name == name, deployments.c.version == version)
         .order_by(deployments.c.workstation)
     ).all()
-    stored = {
-        key: json.loads(getattr(row, key))
-        for key in (
-            "required_atomic_skills",
-            "means",
-            "covariances",
-            "dispense",
-            "parameters",
-            "provenance",
-            "report",
-            "verdicts",
+    with stored(f"{name} version {version}"):
+        parts = {
+            key: json.loads(getattr(row, key))
+            for key in (
+                "required_atomic_skills",
+                "means",
+                "covariances",
+                "dispense",
+                "parameters",
+                "provenance",
+                "report",
+                "verdicts",
+            )
+        }
+        return SkillDescription(
+            name=row.skill_name,
+            version=row.version,
+            semantic_type=row.semantic_type,
+            state=VersionState(row.state),
+            model_digest=row.model_digest,
+            dimension=row.dimension,
+            frame=row.frame,
+            clock=row.clock,
+            duration=row.duration,
+            time_step=row.time_step,
+            covariance_rule=row.covariance_rule,
+            decisions=tuple(
+                Decision(state=VersionState(made.state), actor=made.actor, at=made.at, comment=made.comment)
+                for made in taken
+            ),
+            workstations=tuple(stations),
+            **parts,
         )
-    }
-    return SkillDescription(
-        name=row.skill_name,
-        version=row.version,
-        semantic_type=row.semantic_type,
-        state=VersionState(row.state),
-        model_digest=row.model_digest,
-        dimension=row.dimension,
-        frame=row.frame,
-        clock=row.clock,
-        duration=row.duration,
-        time_step=row.time_step,
-        covariance_rule=row.covariance_rule,
-        decisions=tuple(
-            Decision(state=VersionState(made.state), actor=made.actor, at=made.at, comment=made.comment)
-            for made in taken
-        ),
-        workstations=tuple(stations),
-        **stored,
-    )
 
 
 def aligned_of(connection: sql.Connection, name: str, version: int) -> Sequence[sql.Row[Any]]:
