@@ -8,6 +8,8 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from models.demonstration import Demonstration, Edits
 from models.errors import SkillError
 from models.learning import LearnedMotion, LearningOptions, Previous, learn
@@ -20,6 +22,8 @@ from sim.plan import Finding, MotionOrder, MotionPlan, MotionRefused, plan_home,
 from sim.traces import to_csv, to_parquet
 
 HOMING_SPEED = 0.25
+# What a worker plans and checks within half the time it may take; over an hour at 8 ms, ten minutes at 1 ms.
+MOST_TIME_STEPS = 500_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,10 +126,28 @@ def plan_skill(
     motion: Motion, order: MotionOrder, arm: str, skill_digest: str, recipe_id: str, cell: Cell
 ) -> MotionPlan | PlanRefused:
     """Plan and check a motion on an arm."""
+    steps = time_steps(motion, order)
+    if steps > MOST_TIME_STEPS:
+        text = (
+            f"the path would take {steps:.3g} time steps: it has to be at most {MOST_TIME_STEPS}, go faster or use "
+            "longer steps"
+        )
+        return PlanRefused((Finding("ParameterInvalid", math.nan, math.nan, steps, "time steps", text),))
     try:
         return plan_motion(motion, order, _arm(arm), skill_digest=skill_digest, recipe_id=recipe_id, cell=cell)
     except MotionRefused as refused:
         return PlanRefused(tuple(refused.findings))
+
+
+def time_steps(motion: Motion, order: MotionOrder) -> float:
+    """Return about how many time steps a path takes; NaN for an order that the plan will refuse anyway."""
+    slowed = order.speed_override * order.speed_fraction * order.time_step
+    if order.timing == "constant_speed":
+        length = float(np.linalg.norm(np.diff(motion.as_learned().points, axis=0), axis=1).sum())
+        seconds = length / order.speed if order.speed > 0.0 else math.nan
+    else:
+        seconds = order.duration or motion.duration
+    return seconds / slowed if slowed > 0.0 else math.nan
 
 
 def plan_way_home(arm: str, joints: tuple[float, ...], cell: Cell) -> MotionPlan | PlanRefused:

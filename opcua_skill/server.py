@@ -10,6 +10,7 @@ import numpy as np
 from asyncua import ua
 
 from library.description import AuditEntry, JobReport, SkillDescription
+from library.errors import Damaged
 from library.store import SkillLibrary
 from opcua_skill.arm_lock import ArmLock, LockedByAnother
 from opcua_skill.jobs import ArmFactory, JobEngine, Station, ready_to_move
@@ -41,6 +42,7 @@ from sim.arm import ArmError, ArmModel, ArmState
 from sim.arms import load
 
 SHOW_STATE_EVERY = 0.1
+PAGE = 500
 HEALTHY, DEGRADED = 255, 199
 
 _log = logging.getLogger(__name__)
@@ -151,8 +153,7 @@ class SkillServerApp:
         methods = WorkstationMethods(self.library, self.jobs, station, lock, self.settings, self._tidings, lock_changed)
         skills = await add_workstation(self._tree, settings, station.model, methods)
         await add_homing(self._tree, name, HomingMethods(self.jobs, station, lock))
-        for description in await self.library.deployments(name):
-            await skills.show(description)
+        await self._show_deployed(name, skills)
         recorder = await add_recorder(self._tree, RecorderMethods(name, self._methods, self.settings.limits))
         self._faces[name] = _Face(station, lock, skills, recorder)
 
@@ -169,6 +170,18 @@ class SkillServerApp:
                 raise Refused(Code.BadInvalidState, refused.text) from refused
 
         self.server.obey_writes(self._tree.id(f"Machines/{name}/Arm/SpeedOverride"), set_override)
+
+    async def _show_deployed(self, workstation: str, skills: SkillNodes) -> None:
+        """Show what is deployed on a workstation; what is damaged is logged and left out, the rest is served."""
+        after, more = "", True
+        while more:
+            found, after = await self.library.find(workstation=workstation, after=after, limit=PAGE)
+            for one in found:
+                try:
+                    await skills.show(await self.library.description(one.name, one.version))
+                except Damaged:
+                    _log.exception("%s is not shown on %s", one.name, workstation)
+            more = bool(after)
 
     async def _record(self, record: CallRecord) -> None:
         """Write a call into the audit trail; the stack raises the audit event afterwards."""

@@ -6,6 +6,7 @@ from datetime import UTC, datetime
 from typing import Literal
 
 from library.description import Failure, JobReport, JobState, Recipe, SkillDescription, VersionState
+from library.errors import Damaged
 from library.store import SkillLibrary
 from opcua_skill.computations import PlanRefused
 from opcua_skill.jobs.ids import new_job_id
@@ -42,10 +43,12 @@ class ExecutionJobs:
     async def execute(self, station: Station, skill_name: str, recipe: Recipe, mode: Mode, actor: str) -> JobReport:
         """Check a run completely, then queue it. Nothing has moved when this returns.
 
-        Raises QueueFull, NotExecutable, LacksAtomicSkill, MotionNotPossible, and the library's NotFound.
+        Raises QueueFull, NotExecutable, LacksAtomicSkill, MotionNotPossible, and the library's NotFound and Damaged.
         """
         lane = station.simulation if mode == "simulation" else station.lane
         description = await self._version_for(station, skill_name, recipe, mode)
+        if description.computed_digest() != description.model_digest:
+            raise Damaged(f"{skill_name} version {description.version}", "its model is not the one its digest names")
         missing = set(description.required_atomic_skills) - station.atomic_skills
         if missing:
             raise LacksAtomicSkill(f"{station.name} lacks the atomic skill {', '.join(sorted(missing))}")

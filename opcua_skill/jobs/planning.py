@@ -20,7 +20,7 @@ from opcua_skill.workers import Workers
 from sim.arm import Trace
 from sim.plan import MotionPlan
 
-PLANNING_SECONDS = 30.0
+PLANNING_SECONDS = 60.0
 
 
 class Planning:
