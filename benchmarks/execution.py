@@ -41,7 +41,7 @@ BULLET, PINOCCHIO = "PyBullet, tuned", "Pinocchio loop"
 class Zigzag:
     """The zigzag as a motion: straight strokes and half-round-ish turns of two 3 mm corners, shown at an even pace."""
 
-    dimension, dispense, duration = 2, ((0.0, 1.0),), 12.0
+    dimension, dispense, duration, has_orientation = 2, ((0.0, 1.0),), 12.0, False
 
     def __init__(self, radius: float = RADIUS) -> None:
         pieces: list[Floats] = []

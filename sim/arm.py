@@ -149,6 +149,7 @@ class Trace:
     pause); ``joints_*`` (n, dof) in rad; ``tool_*`` (n, 3) nozzle tip in the base frame, m; ``dispense`` (n,) valve
     open; ``override`` (n,) the rate at which the plan was run, 0 while paused. ``source`` says what kind of arm this
     was measured on. ``events`` are things worth telling, such as leaving the skill's tube: (time, text).
+    ``orientation_*`` (n, 4) are the nozzle's unit quaternions x y z w in the base frame, (0, 4) where not recorded.
     """
 
     times: Floats
@@ -161,6 +162,8 @@ class Trace:
     override: Floats
     source: str = ""
     events: tuple[tuple[float, str], ...] = ()
+    orientation_commanded: Floats = field(default_factory=lambda: np.empty((0, 4)))
+    orientation_measured: Floats = field(default_factory=lambda: np.empty((0, 4)))
 
     def tracking_error(self) -> tuple[float, float]:
         """Return RMS and maximum in m of the distance between commanded and measured nozzle tip at the same time."""
@@ -168,6 +171,19 @@ class Trace:
             return 0.0, 0.0
         distance = np.linalg.norm(self.tool_measured - self.tool_commanded, axis=1)
         return float(np.sqrt(np.mean(distance**2))), float(distance.max())
+
+    def orientation_error(self) -> tuple[float, float]:
+        """Return RMS and maximum in rad of the angle between commanded and measured nozzle at the same time."""
+        if len(self.orientation_commanded) == 0:
+            return 0.0, 0.0
+        apart = angles_between(self.orientation_commanded, self.orientation_measured)
+        return float(np.sqrt(np.mean(apart**2))), float(apart.max())
+
+
+def angles_between(one: Floats, other: Floats) -> Floats:
+    """Return the angle (n,) in rad between rotations given as unit quaternions (n, 4); exact for small ones too."""
+    apart = np.minimum(np.sqrt(((one - other) ** 2).sum(axis=1)), np.sqrt(((one + other) ** 2).sum(axis=1)))
+    return 4.0 * np.arcsin(np.clip(0.5 * apart, 0.0, 1.0))
 
 
 class ArmError(Exception):

@@ -17,11 +17,13 @@ Code = Literal[
     "WorkspaceLimit", "JointLimit", "SpeedLimit", "NoIkSolution", "Singularity", "Collision", "ParameterInvalid"
 ]
 SHORTEST_STEP, LONGEST_STEP = 1e-3, 20e-3
+NOZZLE_TURNS = ("shown", "free")
 TIMINGS = ("demonstrated", "constant_speed", "time_optimal")
 # Smallest singular value of the Jacobian (m and rad): below it a slow nozzle needs joints some thirty times faster.
 SINGULAR = 0.03
 HIGHEST_LIFT = 0.5
 UNIT = 1e-3
+POSTURE_JUMP = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,6 +93,8 @@ def check_order(order: "MotionOrder") -> list[Finding]:
     need("chord tolerance", order.chord_tolerance, 1e-6, 1.0, "from 0.001 mm to 1 m")
     need("blend radius", order.blend_radius, 0.0, 0.1, "from 0 m to 0.1 m")
     need("tube", order.tube_sigmas, 0.0, 100.0, "from 0 (not watched) to 100 standard deviations")
+    if order.nozzle_turn not in NOZZLE_TURNS:
+        found.append(invalid("nozzle turn", repr(order.nozzle_turn), f"one of {', '.join(NOZZLE_TURNS)}"))
     if len(order.frame) != 7 or not all(math.isfinite(value) for value in order.frame):
         found.append(invalid("frame", list(order.frame), "seven finite numbers: x y z in m, then a quaternion x y z w"))
     else:
@@ -127,6 +131,35 @@ def check_reach(model: ArmModel, points: Floats, solved: InverseResult, times: F
         return [Finding("NoIkSolution", float(times[i]), float(phases[i]), miss, "mm", text), *found]
     found += check_joints(model, solved.joints, times, phases)
     return found
+
+
+def blame_tilt(model: ArmModel, lost: Finding, tilt: float) -> Finding:
+    """Return what is told instead of a miss where the same points are reached with the nozzle upright: the tilt."""
+    degrees = math.degrees(tilt)
+    text = (
+        f"{model.name} reaches the path with the nozzle upright, but not tilted by {degrees:.0f} degrees as it was "
+        f"shown {_place(lost.time, lost.phase)}: move or turn the part's frame, let the nozzle turn freely about its "
+        "axis, or teach with less tilt"
+    )
+    return Finding("NoIkSolution", lost.time, lost.phase, degrees, "degrees", text)
+
+
+def check_posture(model: ArmModel, joints: Floats, times: Floats, phases: Floats) -> list[Finding]:
+    """Return whether an arm would have to jump to another posture between two places next to each other.
+
+    ``joints`` (n, dof) belong to places a tenth of a millimetre apart: no way that an arm can follow turns a joint by
+    much in between.
+    """
+    jumps = np.abs(np.diff(joints, axis=0))
+    if jumps.max(initial=0.0) < POSTURE_JUMP:
+        return []
+    i, joint = (int(k) for k in np.unravel_index(int(jumps.argmax()), jumps.shape))
+    size = math.degrees(float(jumps[i, joint]))
+    text = (
+        f"{model.name} would have to change its posture {_place(times[i], phases[i])}, where joint {joint + 1} "
+        f"jumps by {size:.0f} degrees: move or turn the part's frame, or tilt the nozzle less"
+    )
+    return [Finding("Singularity", float(times[i]), float(phases[i]), size, "degrees", text)]
 
 
 def check_joints(model: ArmModel, joints: Floats, times: Floats, phases: Floats) -> list[Finding]:

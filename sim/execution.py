@@ -11,6 +11,7 @@ from enum import StrEnum
 import numpy as np
 
 from sim.arm import ArmModel, Bools, Floats, Trace
+from sim.holding import quaternions
 from sim.kinematics import kinematics
 from sim.plan import MotionPlan, valve_open
 
@@ -196,9 +197,10 @@ class Recorder:
         commanded = np.array(self._commanded, dtype=float).reshape(shape)
         measured = np.array(self._measured, dtype=float).reshape(shape)
         forward = kinematics(self._model).forward
+        (wanted, held), (found, holds) = forward(commanded), forward(measured)
         return Trace(
-            columns[:, 0], columns[:, 1], commanded, measured, forward(commanded)[0], forward(measured)[0], valve,
-            columns[:, 2], self._source, tuple(self.events),
+            columns[:, 0], columns[:, 1], commanded, measured, wanted, found, valve, columns[:, 2], self._source,
+            tuple(self.events), quaternions(held), quaternions(holds),
         )  # fmt: skip
 
 

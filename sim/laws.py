@@ -9,6 +9,7 @@ import numpy as np
 from sim import checks
 from sim.arm import ArmModel, Floats
 from sim.checks import Finding, MotionRefused
+from sim.holding import Holding
 from sim.kinematics import kinematics
 from sim.path import ToolPath
 from sim.timing import JointPath, SteadyLaw, TimeLaw, fastest, law_speed, steady
@@ -40,7 +41,7 @@ class Followed:
 
 
 def law_for(
-    path: ToolPath, order: "MotionOrder", arm: ArmModel, rotation: Floats, step: float
+    path: ToolPath, order: "MotionOrder", arm: ArmModel, held: Holding, step: float
 ) -> tuple[TimeLaw | SteadyLaw, list[Finding]]:
     """Return the time law an order asks for, and what was slowed down for it. ``step`` is one sample's time on the law.
 
@@ -48,16 +49,14 @@ def law_for(
     its last. Every other law begins and ends at rest at the path's own ends. Raises ``MotionRefused``.
     """
     if order.timing == "constant_speed":
-        return _constant(path, order, arm, rotation, step)
-    followed = _follow(path, 0.0, order, arm, rotation, step)
+        return _constant(path, order, arm, held, step)
+    followed = _follow(path, 0.0, order, arm, held, step)
     if order.timing == "time_optimal":
         return _quickest(followed, np.full(len(followed.lengths), math.inf), arm), []
     return _demonstrated(followed, order, arm)
 
 
-def _follow(
-    path: ToolPath, extra: float, order: "MotionOrder", arm: ArmModel, rotation: Floats, step: float
-) -> Followed:
+def _follow(path: ToolPath, extra: float, order: "MotionOrder", arm: ArmModel, held: Holding, step: float) -> Followed:
     """Return an arm's way along a path and ``extra`` m straight on before and after it.
 
     Refuses what cannot be reached.
@@ -66,9 +65,14 @@ def _follow(
     lengths = np.linspace(-extra, path.length + extra, len(path.lengths) + 2 * math.ceil(extra / spacing))
     points, phases = path.points(lengths), path.phases_at(lengths)
     shown = path.motion.times_at(phases)
-    solved = kinematics(arm).inverse(points, rotation)
+    solved = kinematics(arm).inverse(points, held.at_lengths(lengths))
     paced = shown * ((order.duration or path.motion.duration) / path.motion.duration)
     found = checks.check_reach(arm, points, solved, paced, phases)
+    if held.as_shown and any(finding.code == "NoIkSolution" for finding in found):
+        lost = ~solved.reached
+        if kinematics(arm).inverse(points[lost], held.upright).reached.all():
+            found[0] = checks.blame_tilt(arm, found[0], float(held.tilts(phases[lost][:1])[0]))
+    found = found or checks.check_posture(arm, solved.joints, paced, phases)
     if found:
         raise MotionRefused(found)
     joints = JointPath(lengths, solved.joints)
@@ -118,7 +122,7 @@ def _demonstrated(followed: Followed, order: "MotionOrder", arm: ArmModel) -> tu
 
 
 def _constant(
-    path: ToolPath, order: "MotionOrder", arm: ArmModel, rotation: Floats, step: float
+    path: ToolPath, order: "MotionOrder", arm: ArmModel, held: Holding, step: float
 ) -> tuple[TimeLaw | SteadyLaw, list[Finding]]:
     """Return constant speed over the whole path.
 
@@ -131,7 +135,7 @@ def _constant(
         text = f"speed is {asked:.0f} mm/s: the nozzle of {arm.name} may go {most:.0f} mm/s at most"
         raise MotionRefused([Finding("SpeedLimit", 0.0, 0.0, asked - most, "mm/s", text)])
     law = steady(path.length, order.speed, step, bounds)
-    followed = _follow(path, -law.start, order, arm, rotation, step)
+    followed = _follow(path, -law.start, order, arm, held, step)
     grid = np.linspace(0.0, law.duration, int(np.clip(law.duration / 5e-4, 200, 200_000)))
     at, factor = followed.joints.excess(law, arm.limits, grid)
     highest = STEADY_SHARE * order.speed / np.maximum(factor, 1e-9)
@@ -146,7 +150,7 @@ def _constant(
     what = f"at {time:.2f} s, {100 * phase:.1f} % of the path, a corner allows {allowed * 1e3:.0f} mm/s"
     short = asked - allowed * 1e3
     if order.corners == "slow":
-        followed = _follow(path, 0.0, order, arm, rotation, step)
+        followed = _follow(path, 0.0, order, arm, held, step)
         slower = _quickest(followed, np.full(len(followed.lengths), order.speed), arm)
         inner = (followed.phases > 0.02) & (followed.phases < 0.98)
         lowest = float(law_speed(slower, followed.lengths)[inner].min()) * 1e3

@@ -16,9 +16,10 @@ from sim import checks
 from sim.arm import ArmModel, Bools, Floats, Pose, Stage
 from sim.checks import Finding, MotionRefused
 from sim.clearance import Box, Cell, check_clearance, part_box
+from sim.holding import Holding, NozzleTurn, quaternions
 from sim.kinematics import kinematics
 from sim.path import ToolPath
-from sim.way import Way, joint_way, line_way, path_way, tool_rotation
+from sim.way import Way, joint_way, line_way, path_way
 
 Timing = Literal["demonstrated", "constant_speed", "time_optimal"]
 LIFT_HOME = 0.05
@@ -37,7 +38,8 @@ class MotionOrder:
 
     ``chord_tolerance`` is the most by which straight lines between the samples may cut the path. Where constant speed
     is impossible in a corner, ``corners`` refuses the plan or slows down and tells where. ``blend_radius`` rounds
-    corners.
+    corners. Where the skill carries the tool's orientation, ``nozzle_turn`` follows all of it (``shown``) or only the
+    nozzle's axis (``free``), which leaves a round nozzle's turn about that axis to the arm.
     """
 
     time_step: float = 0.008
@@ -57,6 +59,7 @@ class MotionOrder:
     chord_tolerance: float = 5e-5
     tube_sigmas: float = 0.0
     tube_policy: Literal["flag", "stop"] = "flag"
+    nozzle_turn: NozzleTurn = "shown"
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,9 +88,10 @@ class MotionPlan:
     """All an arm needs to run a skill once, from home to home.
 
     One row every ``order.time_step`` seconds: ``times`` (n,), ``joints`` and ``velocities`` (n, dof), ``tool`` (n, 3)
-    nozzle tip in the base frame, ``phases`` (n,) along the learned path, NaN off it, ``dispense`` (n,) valve open,
-    lead included. Between samples an arm follows the cubic through positions and velocities. ``valve`` (v, 2) holds
-    plan times of opening and closing without lead. ``covariances`` (m, 3, 3) belong to the samples of ``path_rows``.
+    nozzle tip in the base frame, ``orientations`` (n, 4) the nozzle's unit quaternions x y z w there (z out of the
+    tip), ``phases`` (n,) along the learned path, NaN off it, ``dispense`` (n,) valve open, lead included. Between
+    samples an arm follows the cubic through positions and velocities. ``valve`` (v, 2) holds plan times of opening
+    and closing without lead. ``covariances`` (m, 3, 3) belong to the samples of ``path_rows``.
 
     ``path_error`` is the RMS and largest distance in m of the exact learned path from straight lines between the
     samples. ``digest`` covers everything else here.
@@ -102,6 +106,7 @@ class MotionPlan:
     joints: Floats
     velocities: Floats
     tool: Floats
+    orientations: Floats
     phases: Floats
     dispense: Bools
     segments: tuple[Segment, ...]
@@ -166,13 +171,13 @@ def plan_motion(
     path = ToolPath(motion, frame, order.standoff, order.blend_radius)
     if not np.isfinite(path.length) or path.length < 1e-5:
         raise MotionRefused([checks.invalid("path", f"{path.length * 1e3:.3f} mm long", "longer than 0.01 mm")])
-    rotation = tool_rotation(arm, path.rotation)
+    held = Holding(path, arm, order.nozzle_turn)
     up = path.rotation[:, 2]
-    main = path_way(path, order, arm, rotation)
+    main = path_way(path, order, arm, held)
     start, end = main.tool[0], main.tool[-1]
     home = np.array(arm.home)
-    down = line_way("approach", start + order.approach_height * up, start, order, arm, rotation)
-    lift = line_way("retract", end, end + order.retract_height * up, order, arm, rotation)
+    down = line_way("approach", start + order.approach_height * up, start, order, arm, held.at_end(False))
+    lift = line_way("retract", end, end + order.retract_height * up, order, arm, held.at_end(True))
     there = joint_way(home, (down or main).joints[0], order, arm)
     back = joint_way((lift or main).joints[-1], home, order, arm)
     ways = [way for way in (there, down, *main.split(), lift, back) if way is not None]
@@ -238,7 +243,7 @@ def _assembled(
         joints, phases = np.repeat(joints, 2, axis=0), np.repeat(phases, 2)
         segments = [replace(segments[0], last=1)]
     times = np.arange(len(joints), dtype=np.float64) * step
-    tool = kinematics(arm).forward(joints)[0]
+    tool, rotations = kinematics(arm).forward(joints)
     spline = CubicSpline(times, joints, bc_type="clamped")
     velocities, accelerations = spline(times, 1), spline(times, 2)
     velocities[0] = velocities[-1] = 0.0
@@ -274,7 +279,8 @@ def _assembled(
         report |= main.report
         found += main.findings
     plan = MotionPlan(
-        arm.name, arm.digest, skill_digest, recipe_id, order, times, joints, velocities, tool, phases, dispense,
+        arm.name, arm.digest, skill_digest, recipe_id, order, times, joints, velocities, tool,
+        quaternions(rotations), phases, dispense,
         tuple(segments), valve, events, rows, covariances, error, tuple(found), report,
     )  # fmt: skip
     for entry in fields(plan):

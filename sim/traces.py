@@ -11,7 +11,10 @@ from sim.arm import Trace
 
 
 def columns(trace: Trace) -> dict[str, np.ndarray]:
-    """Return the trace by column name, in the order of the file: SI units, the unit in the name."""
+    """Return the trace by column name, in the order of the file: SI units, the unit in the name.
+
+    The nozzle's quaternions in the base frame have no unit: ``nozzle_qx_commanded`` and so on.
+    """
     table: dict[str, np.ndarray] = {"time_s": trace.times, "path_time_s": trace.path_times}
     for k in range(trace.joints_commanded.shape[1]):
         table[f"joint{k + 1}_commanded_rad"] = trace.joints_commanded[:, k]
@@ -19,6 +22,10 @@ def columns(trace: Trace) -> dict[str, np.ndarray]:
     for k, axis in enumerate("xyz"):
         table[f"nozzle_{axis}_commanded_m"] = trace.tool_commanded[:, k]
         table[f"nozzle_{axis}_measured_m"] = trace.tool_measured[:, k]
+    if len(trace.orientation_commanded):
+        for k, part in enumerate(("qx", "qy", "qz", "qw")):
+            table[f"nozzle_{part}_commanded"] = trace.orientation_commanded[:, k]
+            table[f"nozzle_{part}_measured"] = trace.orientation_measured[:, k]
     return table | {"valve_open": trace.dispense.astype(int), "override": trace.override}
 
 

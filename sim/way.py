@@ -8,10 +8,12 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from sim import checks
 from sim.arm import ArmModel, Floats, PathLimits, Stage
 from sim.checks import Finding, MotionRefused
+from sim.holding import Holding
 from sim.kinematics import kinematics
 from sim.laws import law_for
 from sim.path import ToolPath
@@ -23,6 +25,7 @@ if TYPE_CHECKING:
 TRAVEL_SHARE = 0.4
 LINE_SPEED = 0.1
 LINE_ACCELERATION, LINE_JERK = 1.0, 50.0
+LINE_TRIALS, LINE_SHARE = 4, 0.9
 NEAR = 1e-9
 
 
@@ -80,21 +83,6 @@ class Way:
         return float(np.interp(length, at, grid)) / self.stretch - first
 
 
-def tool_rotation(arm: ArmModel, part: Floats) -> Floats:
-    """Return the nozzle's rotation in the base frame: against the part's z axis, turned about it as at home.
-
-    A round nozzle may turn about its own axis as it likes; staying as at home keeps the wrist away from its limits
-    whichever way the part is turned.
-    """
-    z = -part[:, 2]
-    x = kinematics(arm).seed_rotation[:, 0]
-    x = x - z * (x @ z)
-    if np.linalg.norm(x) < 1e-6:
-        x = part[:, 0]
-    x = x / np.linalg.norm(x)
-    return np.stack([x, np.cross(z, x), z], axis=1)
-
-
 def joint_way(start: Floats, end: Floats, order: "MotionOrder", arm: ArmModel) -> Way | None:
     """Return the jerk-limited joint move between two positions, None if they are the same."""
     if np.abs(end - start).max() < 1e-9:
@@ -111,36 +99,58 @@ def joint_way(start: Floats, end: Floats, order: "MotionOrder", arm: ArmModel) -
 
 
 def line_way(
-    stage: Stage, start: Floats, end: Floats, order: "MotionOrder", arm: ArmModel, rotation: Floats,
-    start_joints: Floats | None = None,
+    stage: Stage, start: Floats, end: Floats, order: "MotionOrder", arm: ArmModel, rotation: Floats
 ) -> Way | None:  # fmt: skip
-    """Return the straight line between two nozzle positions, None if they are the same."""
+    """Return the straight line between two nozzle positions with one rotation (3, 3), None if they are the same."""
     length = float(np.linalg.norm(end - start))
     if length < 1e-9:
         return None
     speed = min(LINE_SPEED, arm.path_limits.speed)
     law = s_curve(0.0, length, speed, PathLimits(speed, LINE_ACCELERATION, LINE_JERK, ""))
-    steps = max(1, math.ceil(law.duration / _rate(order) / order.time_step - 1e-9))
-    part = law.lengths(np.arange(steps + 1, dtype=np.float64) * (law.duration / steps)) / length
-    points = start + part[:, None] * (end - start)
-    solved = kinematics(arm).inverse(points, rotation)
-    none = np.full(len(points), math.nan)
-    found = checks.check_reach(arm, points, solved, none, none)
-    if found:
-        raise MotionRefused(found)
-    return Way(stage, solved.joints, points, none)
+    slower = 1.0 / _rate(order)
+
+    def in_time() -> Way:
+        steps = max(1, math.ceil(law.duration * slower / order.time_step - 1e-9))
+        part = law.lengths(np.arange(steps + 1, dtype=np.float64) * (law.duration / steps)) / length
+        points = start + part[:, None] * (end - start)
+        solved = kinematics(arm).inverse(points, rotation)
+        none = np.full(len(points), math.nan)
+        found = checks.check_reach(arm, points, solved, none, none)
+        if found:
+            raise MotionRefused(found)
+        return Way(stage, solved.joints, points, none)
+
+    way = in_time()
+    for _ in range(LINE_TRIALS):
+        excess = _excess(way.joints, arm, order.time_step)
+        if excess <= LINE_SHARE:
+            break
+        slower *= 1.05 * excess / LINE_SHARE
+        way = in_time()
+    return way
 
 
-def path_way(path: ToolPath, order: "MotionOrder", arm: ArmModel, rotation: Floats) -> Way:
+def _excess(joints: Floats, arm: ArmModel, step: float) -> float:
+    """Return by what factor joints (n, dof), one row a step, are too fast for an arm's limits."""
+    if len(joints) < 3:
+        return 0.0
+    rates = np.diff(joints, axis=0) / step
+    pushes = np.diff(rates, axis=0) / step
+    by_speed = float((np.abs(rates) / np.array(arm.limits.velocity)).max())
+    return max(by_speed, math.sqrt(float((np.abs(pushes) / np.array(arm.limits.acceleration)).max())))
+
+
+def path_way(path: ToolPath, order: "MotionOrder", arm: ArmModel, held: Holding) -> Way:
     """Return the learned path in time; with a straight run-in and run-out if the speed is to be constant."""
     rate = _rate(order)
-    law, told = law_for(path, order, arm, rotation, order.time_step * rate)
+    law, told = law_for(path, order, arm, held, order.time_step * rate)
     steps = max(1, math.ceil(law.duration / rate / order.time_step - 1e-9))
     stretch = law.duration / (steps * order.time_step)
     clock = np.arange(steps + 1, dtype=np.float64) * (law.duration / steps)
     at = law.lengths(clock)
     tool = path.points(at)
-    joints = kinematics(arm).inverse(tool, rotation).joints
+    rotations = held.at_lengths(at)
+    joints = kinematics(arm).inverse(tool, rotations).joints
     inside = (at >= -NEAR) & (at <= path.length + NEAR)
     first, last = int(np.argmax(inside)), int(len(at) - 1 - np.argmax(inside[::-1]))
     row_phases = np.where(inside, path.phases_at(at), math.nan)
@@ -154,7 +164,7 @@ def path_way(path: ToolPath, order: "MotionOrder", arm: ArmModel, rotation: Floa
             f"{longest * 1e3:.2g} ms, or go slower"
         )
         raise MotionRefused([Finding("ParameterInvalid", math.nan, math.nan, chord * 1e3, "mm", text)])
-    report = {
+    report = _held_report(path, held, at[first : last + 1], order.time_step) | {
         "length": path.length,
         "path_duration": (last - first) * order.time_step,
         "speed_mean": float(speeds.mean()),
@@ -165,6 +175,30 @@ def path_way(path: ToolPath, order: "MotionOrder", arm: ArmModel, rotation: Floa
         "time_step": order.time_step,
     }
     return Way("dispense", joints, tool, row_phases, path, law, stretch, (first, last), error, tuple(told), report)
+
+
+def _held_report(path: ToolPath, held: Holding, at: Floats, step: float) -> dict[str, float]:
+    """Return how the nozzle is held where that was learned: tilt, rate of turning, and the error between samples.
+
+    Between two samples an arm turns evenly from one orientation to the next; the error in rad is the angle from that
+    to the exact learned orientation a quarter, half and three quarters on.
+    """
+    if not held.as_shown or len(at) < 2:
+        return {}
+    phases = path.phases_at(at)
+    turns = Rotation.from_matrix(held.at_phases(phases))
+    between = (turns[:-1].inv() * turns[1:]).as_rotvec()
+    away: list[Floats] = []
+    for part in (0.25, 0.5, 0.75):
+        exact = Rotation.from_matrix(held.at_phases(path.phases_at(at[:-1] + part * np.diff(at))))
+        away.append(((turns[:-1] * Rotation.from_rotvec(part * between)).inv() * exact).magnitude())
+    off = np.concatenate(away)
+    return {
+        "orientation_error_rms": float(np.sqrt(np.mean(off**2))),
+        "orientation_error_max": float(off.max()),
+        "turning_max": float(np.sqrt((between**2).sum(axis=1)).max()) / step,
+        "tilt_max": float(held.tilts(phases).max()),
+    }
 
 
 def _path_error(path: ToolPath, at: Floats, tool: Floats) -> tuple[tuple[float, float], float]:

@@ -28,6 +28,7 @@ class DrawnMotion:
     duration: float = 8.0
     dispense: tuple[tuple[float, float], ...] = ((0.0, 1.0),)
     spread: float = 1e-3
+    has_orientation = False
 
     @property
     def dimension(self) -> int:

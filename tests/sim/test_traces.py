@@ -20,6 +20,8 @@ async def test_a_trace_read_back_from_csv_is_bitwise_the_same(model):
     rows = list(csv.DictReader(line for line in lines if not line.startswith("#")))
     for name, column in columns(trace).items():
         assert np.array_equal(np.array([float(row[name]) for row in rows]), column.astype(float)), name
-    assert len(columns(trace)) == 2 * model.dof + 10
+    assert len(columns(trace)) == 2 * model.dof + 18
     units = {name.rsplit("_", 1)[-1] for name in columns(trace)}
-    assert units == {"s", "rad", "m", "open", "override"}
+    assert units == {"s", "rad", "m", "open", "override", "commanded", "measured"}
+    turned = [columns(trace)[f"nozzle_q{axis}_measured"] for axis in "xyzw"]
+    assert np.allclose(sum(value**2 for value in turned), 1.0)
