@@ -5,6 +5,7 @@ import json
 import struct
 import subprocess
 import sys
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -26,9 +27,12 @@ def read(path: Path, choices: Choices) -> list[Demonstration]:
     """Return the way of the chosen marker. Z is up unless another axis is chosen, as Vicon and most others write it."""
     if find_spec("ezc3d") is None:
         raise ReaderError(path, "C3D needs the package ezc3d", "install opcua-skill[formats]")
-    _check_head(path)
-    names, unit_name, rate, points = _parsed_apart(path)
+    told = _check_head(path)
+    names, unit_name, rate, scale, points = _parsed_apart(path)
     unit = METRES.get(unit_name)
+    for what, here, there in (("frame rates", told.rate, rate), ("scales", told.scale, scale)):
+        if here and there and abs(abs(here) - abs(there)) > 1e-3 * abs(there):
+            raise ReaderError(path, f"its head and its parameters name different {what}, {here:g} and {there:g}", AGAIN)
     if unit is None or not np.isfinite(rate) or rate <= 0:
         raise ReaderError(path, f"its unit and rate are {unit_name!r} and {rate:g}", AGAIN)
     names = names[: points.shape[1]]
@@ -41,8 +45,8 @@ def read(path: Path, choices: Choices) -> list[Demonstration]:
     return follow(path, [Track(names[place], times, way)], Choices(up_axis=choices.up_axis))
 
 
-def _parsed_apart(path: Path) -> tuple[list[str], str, float, Floats]:
-    """Return names, unit, rate in Hz and points (3, markers, frames), parsed in a process of its own.
+def _parsed_apart(path: Path) -> tuple[list[str], str, float, float, Floats]:
+    """Return names, unit, rate in Hz, scale and points (3, markers, frames), parsed in a process of its own.
 
     The parser is C++ that trusts the file: a damaged one may take its process down, and that must not be ours.
     """
@@ -55,8 +59,8 @@ def _parsed_apart(path: Path) -> tuple[list[str], str, float, Floats]:
         last = done.stderr.decode(errors="replace").strip().splitlines()[-1:] or ["the parser crashed"]
         raise ReaderError(path, f"it cannot be read ({last[0][:200]})", AGAIN)
     head, _, blob = done.stdout.partition(b"\n")
-    names, unit_name, rate = json.loads(head)
-    return names, unit_name, rate, np.load(io.BytesIO(blob), allow_pickle=False)
+    names, unit_name, rate, scale = json.loads(head)
+    return names, unit_name, rate, scale, np.load(io.BytesIO(blob), allow_pickle=False)
 
 
 def _parse(path: str) -> None:
@@ -67,12 +71,21 @@ def _parse(path: str) -> None:
     point: Any = content["parameters"]["POINT"]
     labels = sorted((key for key in point if key.startswith("LABELS")), key=lambda key: (len(key), key))
     names = [str(name) for key in labels for name in point[key]["value"]]
-    head = json.dumps([names, str(point["UNITS"]["value"][0]).lower(), float(point["RATE"]["value"][0])])
+    rate, scale = (float(point[key]["value"][0]) for key in ("RATE", "SCALE"))
+    head = json.dumps([names, str(point["UNITS"]["value"][0]).lower(), rate, scale])
     sys.stdout.buffer.write(head.encode() + b"\n")
     np.save(sys.stdout.buffer, np.asarray(content["data"]["points"], dtype=np.float64)[:3], allow_pickle=False)
 
 
-def _check_head(path: Path) -> None:
+@dataclass(frozen=True, slots=True)
+class _Head:
+    """What the head of a file says a second time: frames a second, and the scale of positions (0: nothing)."""
+
+    rate: float
+    scale: float
+
+
+def _check_head(path: Path) -> _Head:
     """Complain of a head that promises more than the file holds, before anything in C++ trusts it."""
     content = read_bytes(path)
     if len(content) < 2 * BLOCK or content[1] != 0x50 or not content[0]:
@@ -83,12 +96,14 @@ def _check_head(path: Path) -> None:
     points, analogs, first, last = struct.unpack_from("<4H", content, 2)
     (data_start,) = struct.unpack_from("<H", content, 16)
     (scale,) = struct.unpack_from("<f", content, 12)
+    (rate,) = struct.unpack_from("<f", content, 20)
     frames = last - first + 1
     size = 4 if scale < 0 else 2
     needed = (data_start - 1) * BLOCK + frames * (points * 4 + analogs) * size
     if points == 0 or frames < 2 or data_start < 2 or (last != 65535 and needed > len(content)):
         problem = f"its head promises {points} markers in {frames} frames, {needed} bytes, the file has {len(content)}"
         raise ReaderError(path, problem, "it may be cut off: " + AGAIN)
+    return _Head(rate, scale)
 
 
 if __name__ == "__main__":

@@ -3,6 +3,8 @@
 Times come from the export frame rate: the time column is rounded to milliseconds. Which axis points up is not said.
 """
 
+from collections import Counter
+
 from library.readers.choices import Choices
 from library.readers.sheet import METRES, Sheet
 from library.readers.tracks import Track, follow, frame_times, pick, table, up_axis_needed
@@ -30,10 +32,9 @@ def read(sheet: Sheet, choices: Choices) -> list[Demonstration]:
     if not found:
         raise sheet.error("there is no line that begins with Frame", AGAIN)
     head = found[0]
-    groups = _positions(sheet, head)
-    names = list(groups)
-    name = names[pick(sheet.path, names, choices.marker)]
-    columns = groups[name]
+    names, columns_of = _positions(sheet, head)
+    place = pick(sheet.path, names, choices.marker)
+    name, columns = names[place], columns_of[place]
     lines = [line for line in range(head + 1, len(sheet.rows) + 1) if any(sheet.rows[line - 1])]
     if not lines:
         raise sheet.error("there are no samples", AGAIN, head + 1)
@@ -52,21 +53,34 @@ def _rate(sheet: Sheet, told: dict[str, str]) -> float:
     return rate
 
 
-def _positions(sheet: Sheet, head: int) -> dict[str, tuple[int, int, int]]:
-    """Return the columns X, Y, Z of the position of each body and marker, by name."""
-    above = {cells[1]: cells for cells in sheet.rows[1 : head - 1] if len(cells) > 2 and cells[1]}
-    kinds, names = above.get("Type", []), above.get("Name", [])
+def _positions(sheet: Sheet, head: int) -> tuple[list[str], list[tuple[int, int, int]]]:
+    """Return names and columns X, Y, Z of the position of each body and marker.
+
+    A rigid body's solved marker and the measured one share a name: then the kind is added to it.
+    """
+    kinds, names = _kinds_and_names(sheet, head)
     what, axes = sheet.rows[head - 2], sheet.rows[head - 1]
-    if not kinds or len(names) != len(kinds) or len(axes) < 5:
+    if len(names) != len(kinds) or len(axes) < 5:
         raise sheet.error("the lines Type and Name are missing above Frame", AGAIN, head)
-    found: dict[str, tuple[int, int, int]] = {}
+    found: list[tuple[str, str, tuple[int, int, int]]] = []
     for column in range(2, len(axes) - 2):
         group = [row[column : column + 3] for row in (kinds, names, what, axes)]
         if group[3] != ["X", "Y", "Z"] or set(group[2]) != {"Position"} or kinds[column] not in BODIES:
             continue
         if len(set(group[0])) != 1 or len(set(group[1])) != 1:
             raise sheet.error(f"X, Y and Z of {names[column]!r} belong to different bodies", AGAIN, head)
-        if names[column] in found:
-            raise sheet.error(f"two are called {names[column]!r}", "name them apart and export again", head)
-        found[names[column]] = (column, column + 1, column + 2)
-    return found
+        found.append((names[column], kinds[column], (column, column + 1, column + 2)))
+    many = Counter(name for name, _, _ in found)
+    shown = [f"{name} ({kind})" if many[name] > 1 else name for name, kind, _ in found]
+    return shown, [columns for _, _, columns in found]
+
+
+def _kinds_and_names(sheet: Sheet, head: int) -> tuple[list[str], list[str]]:
+    """Return the lines Type and Name; older exports do not label them, but have them in this order."""
+    above = [cells for cells in sheet.rows[1 : head - 2] if len(cells) > 2 and any(cells)]
+    labelled = {cells[1]: cells for cells in above if cells[1]}
+    if "Type" in labelled and "Name" in labelled:
+        return labelled["Type"], labelled["Name"]
+    if labelled or len(above) < 2 or not set(filter(None, above[0])) <= BODIES:
+        return [], [""]
+    return above[0], above[1]

@@ -1,6 +1,7 @@
 """TRC (Motion Analysis, OpenSim): five lines of header, then frame, time and three columns a marker.
 
-Real files are separated by tabs or commas and promise more frames than they hold: the rows are believed.
+Real files are separated by tabs or commas, begin with ``PathFileType  4`` in one cell, double the tabs of a line, begin
+with any frame, end lines with a tab, and promise more frames than they hold: the rows are believed.
 """
 
 from library.readers.choices import Choices
@@ -13,21 +14,14 @@ AGAIN = "export it again as TRC"
 
 def is_trc(sheet: Sheet) -> bool:
     """Return whether the file begins as TRC files do."""
-    return bool(sheet.rows) and sheet.rows[0][:1] == ["PathFileType"]
+    return bool(sheet.rows) and sheet.rows[0][:1] != [] and sheet.rows[0][0].split()[:1] == ["PathFileType"]
 
 
 def read(sheet: Sheet, choices: Choices) -> list[Demonstration]:
     """Return the way of the chosen marker. TRC does not say which axis points up, so it has to be chosen."""
     if not is_trc(sheet):
         raise sheet.error("it does not begin with PathFileType", AGAIN, 1)
-    head = {name: column for column, name in enumerate(sheet.cells(2)) if name}
-    values = sheet.cells(3)
-    if not {"DataRate", "Units"} <= set(head) or len(values) <= max(head["DataRate"], head["Units"]):
-        raise sheet.error("DataRate and Units are missing", AGAIN, 2)
-    rate = sheet.number(3, head["DataRate"])
-    unit = METRES.get(values[head["Units"]].lower())
-    if rate <= 0 or unit is None:
-        raise sheet.error(f"rate and unit are {rate:g} and {values[head['Units']]!r}", AGAIN, 3)
+    rate, unit = _rate_and_unit(sheet)
     names = sheet.cells(4)
     if names[:2] != ["Frame#", "Time"]:
         raise sheet.error("there is no line that begins with Frame#, Time", AGAIN, 4)
@@ -46,3 +40,16 @@ def read(sheet: Sheet, choices: Choices) -> list[Demonstration]:
     told = [sheet.number(line, 1) for line in lines]
     track = Track(names[first], frame_times(sheet, lines, rate, told=told), points)
     return follow(sheet.path, [track], Choices(up_axis=choices.up_axis))
+
+
+def _rate_and_unit(sheet: Sheet) -> tuple[float, float]:
+    """Return frames a second, and metres a unit. Real files double tabs on one of these lines and not on the other."""
+    keys, values = ([cell for cell in sheet.cells(line) if cell] for line in (2, 3))
+    told = dict(zip(keys, values, strict=False))
+    if not {"DataRate", "Units"} <= set(told) or len(keys) != len(values):
+        raise sheet.error("DataRate and Units are missing, or do not stand one below the other", AGAIN, 2)
+    rate = sheet.number(3, sheet.cells(3).index(told["DataRate"]))
+    unit = METRES.get(told["Units"].lower())
+    if rate <= 0 or unit is None:
+        raise sheet.error(f"rate and unit are {rate:g} and {told['Units'][:40]!r}", AGAIN, 3)
+    return rate, unit

@@ -6,94 +6,17 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from library.errors import ChoiceNeeded, ReaderError
 from library.readers import Choices, c3d, read, ros_bag
-
-FRAMES = 40
-RATE = 120.0
-TIMES = np.arange(FRAMES) / RATE
-# Two markers in mm; the second is lost for three frames.
-WAYS = np.round(
-    np.stack([np.column_stack([np.sin(TIMES) * 100 + k, np.cos(TIMES) * 50, TIMES * 30]) for k in (0, 7)]), 4
-)
-WAYS[1, 10:13] = np.nan
-
-
-def cells(values: Any) -> list[str]:
-    return ["" if np.isnan(value) else f"{value:.4f}" for value in np.ravel(values)]
-
-
-def vicon() -> str:
-    head = [
-        "Trajectories",
-        f"{RATE:g}",
-        ",,Anna:Wrist,,,Anna:Tool,,",
-        "Frame,Sub Frame,X,Y,Z,X,Y,Z",
-        ",,mm,mm,mm,mm,mm,mm",
-    ]
-    rows = [",".join([str(i + 51), "0", *cells(WAYS[:, i])]) for i in range(FRAMES)]
-    before = ["Devices", "1200", ",,Force", "Frame,Sub Frame,Fx", ",,N", "51,0,1.5", ""]
-    return "\n".join([*before, *head, *rows, ""]) + "\n"
-
-
-def trc(mark: str = "\t") -> str:
-    head = [
-        ["PathFileType", "4", "(X/Y/Z)", "anna.trc"],
-        [
-            "DataRate",
-            "CameraRate",
-            "NumFrames",
-            "NumMarkers",
-            "Units",
-            "OrigDataRate",
-            "OrigDataStartFrame",
-            "OrigNumFrames",
-        ],
-        [f"{RATE:g}", f"{RATE:g}", "652", "2", "mm", f"{RATE:g}", "1", "652"],
-        ["Frame#", "Time", "Wrist", "", "", "Tool", "", ""],
-        ["", "", "X1", "Y1", "Z1", "X2", "Y2", "Z2"],
-        [""],
-    ]
-    rows = [[str(i + 1), f"{TIMES[i]:.3f}", *cells(WAYS[:, i])] for i in range(FRAMES)]
-    return "\n".join(mark.join(row) for row in [*head, *rows]) + "\n"
-
-
-def motive() -> str:
-    first = "Format Version,1.23,Take Name,take 下午,Capture Frame Rate,240.000000,Export Frame Rate,120.000000"
-    first += ",Rotation Type,Quaternion,Length Units,Millimeters,Coordinate Space,Global"
-    head = [
-        first,
-        "",
-        ",Type" + ",Rigid Body" * 8 + ",Marker" * 3,
-        ",Name" + ",Wrist" * 8 + ",Tool" * 3,
-        ",ID" + ',"A1"' * 8 + ',"B2"' * 3,
-        ",," + ",".join(["Rotation"] * 4 + ["Position"] * 3 + ["Mean Marker Error"] + ["Position"] * 3),
-        "Frame,Time (Seconds),X,Y,Z,W,X,Y,Z,,X,Y,Z",
-    ]
-    rows = [
-        ",".join([str(i), f"{TIMES[i]:.3f}", "0", "0", "0", "1", *cells(WAYS[0, i]), "0.1", *cells(WAYS[1, i])])
-        for i in range(FRAMES)
-    ]
-    return "\n".join([*head, *rows]) + "\n"
-
-
-FORMATS: dict[str, tuple[Callable[[], str], str]] = {
-    "vicon.csv": (vicon, "Anna:Tool"),
-    "tabs.trc": (trc, "Tool"),
-    "commas.trc": (lambda: trc(","), "Tool"),
-    "motive.csv": (motive, "Tool"),
-}
+from tests.library.capture_files import FORMATS, RATE, TIMES, WAYS, c3d_file, motive, rosbag_folder, trc, vicon
 
 
 @pytest.mark.parametrize("name", FORMATS)
 def test_the_chosen_marker_is_read_with_its_gap_and_exact_times(tmp_path: Path, name: str) -> None:
-    make, marker = FORMATS[name]
     path = tmp_path / name
-    path.write_text(make(), encoding="utf-8")
-    (way,) = read(path, Choices(marker=marker, up_axis="z"))
+    path.write_text(FORMATS[name](), encoding="utf-8")
+    (way,) = read(path, Choices(marker="Tool", up_axis="z"))
     np.testing.assert_allclose(way.points, WAYS[1] * 0.001, rtol=1e-14)
     np.testing.assert_allclose(way.times, TIMES, atol=1e-12)
     assert np.isnan(way.points[10:13]).all()
@@ -105,7 +28,7 @@ def test_the_chosen_marker_is_read_with_its_gap_and_exact_times(tmp_path: Path, 
 @pytest.mark.parametrize("name", FORMATS)
 def test_which_marker_has_to_be_said_where_there_are_several(tmp_path: Path, name: str) -> None:
     path = tmp_path / name
-    path.write_text(FORMATS[name][0](), encoding="utf-8")
+    path.write_text(FORMATS[name](), encoding="utf-8")
     with pytest.raises(ChoiceNeeded, match=r"2 markers; choose one of .*Wrist, .*Tool") as question:
         read(path, Choices(up_axis="z"))
     assert question.value.choice == "marker"
@@ -118,7 +41,7 @@ def test_which_marker_has_to_be_said_where_there_are_several(tmp_path: Path, nam
 @pytest.mark.parametrize("name", ["tabs.trc", "motive.csv"])
 def test_which_axis_points_up_has_to_be_said_where_the_format_does_not(tmp_path: Path, name: str) -> None:
     path = tmp_path / name
-    path.write_text(FORMATS[name][0](), encoding="utf-8")
+    path.write_text(FORMATS[name](), encoding="utf-8")
     with pytest.raises(ChoiceNeeded, match="choose the up axis") as question:
         read(path, Choices(marker="Tool"))
     assert (question.value.choice, question.value.options) == ("up_axis", ("x", "y", "z"))
@@ -157,7 +80,7 @@ BROKEN = [
 
 @pytest.mark.parametrize(("name", "old", "new", "words"), BROKEN)
 def test_a_mended_or_broken_file_is_told(tmp_path: Path, name: str, old: str, new: str, words: str) -> None:
-    text = FORMATS[name][0]()
+    text = FORMATS[name]()
     assert old in text
     path = tmp_path / name
     path.write_text(text.replace(old, new, 1), encoding="utf-8")
@@ -165,60 +88,56 @@ def test_a_mended_or_broken_file_is_told(tmp_path: Path, name: str, old: str, ne
         read(path, Choices(marker="Wrist" if name == "vicon.csv" else "Tool", up_axis="z"))
 
 
-@given(
-    name=st.sampled_from(sorted(FORMATS)),
-    where=st.integers(0, 10**6),
-    kind=st.sampled_from(["cut", "drop", "repeat", "swap", "cell"]),
+def trc_of_old() -> str:
+    """Return a TRC as older Motion Analysis exports are: spaces after PathFileType, values two tabs apart."""
+    lines = trc().splitlines()
+    lines[0] = "PathFileType  4\t(X/Y/Z) C:\\takes\\anna"
+    lines[2] = "\t\t".join(f"  {cell}" for cell in lines[2].split("\t"))
+    return "\n".join([*lines[:6], *(f"{line}\t" for line in lines[6:])]) + "\n"
+
+
+def trc_cut_out() -> str:
+    """Return a TRC of a part of a take: frames and times begin where the part did."""
+    lines = trc().splitlines()
+    rows = [line.split("\t") for line in lines[6:]]
+    moved = [[str(int(row[0]) + 184), f"{float(row[1]) + 184 / RATE:.3f}", *row[2:]] for row in rows]
+    return "\n".join([*lines[:6], *("\t".join(row) for row in moved)]) + "\n"
+
+
+def motive_of_old() -> str:
+    """Return a Motive 1.x export: no labels before types and names, no export rate, the time column called Time."""
+    lines = motive().replace(",Export Frame Rate,120.000000", "").replace("240.000000", "120.000000").splitlines()
+    for number, label in ((2, ",Type,"), (3, ",Name,"), (4, ",ID,")):
+        lines[number] = lines[number].replace(label, ",,", 1)
+    lines[6] = lines[6].replace("Time (Seconds)", "Time")
+    return "\n".join(lines) + "\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "make"),
+    [("old.trc", trc_of_old), ("part.trc", trc_cut_out), ("old.csv", motive_of_old)],
 )
-@settings(deadline=None, max_examples=200)
-def test_a_damaged_file_is_an_error_or_a_part_of_the_truth(
-    tmp_path_factory: pytest.TempPathFactory, name: str, where: int, kind: str
-) -> None:
-    make, marker = FORMATS[name]
-    text = make()
-    lines = text.splitlines(keepends=True)
-    at = where % len(lines)
-    if kind == "cut":
-        text = text[: where % len(text)]
-    else:
-        if kind == "drop":
-            lines.pop(at)
-        elif kind == "repeat":
-            lines.insert(at, lines[at])
-        elif kind == "swap":
-            lines[at], lines[at - 1] = lines[at - 1], lines[at]
-        else:
-            mark = "\t" if name == "tabs.trc" else ","
-            parts = lines[at].split(mark)
-            parts.pop(where % len(parts))
-            lines[at] = mark.join(parts) + ("" if parts and parts[-1].endswith("\n") else "\n")
-        text = "".join(lines)
-    path = tmp_path_factory.getbasetemp() / name
+def test_exports_of_other_years_are_read_alike(tmp_path: Path, name: str, make: Callable[[], str]) -> None:
+    path = tmp_path / name
+    path.write_text(make(), encoding="utf-8")
+    (way,) = read(path, Choices(marker="Tool", up_axis="z"))
+    np.testing.assert_allclose(way.points, WAYS[1] * 0.001, rtol=1e-14)
+    np.testing.assert_allclose(way.times, TIMES, atol=1e-12)
+
+
+def test_a_solved_and_a_measured_marker_of_one_name_are_told_apart(tmp_path: Path) -> None:
+    path = tmp_path / "motive.csv"
+    text = motive().replace(",Wrist" * 8, ",Tool" * 8)
     path.write_text(text, encoding="utf-8")
-    try:
-        (found,) = read(path, Choices(marker=marker, up_axis="z"))
-    except ReaderError as refusal:
-        assert str(refusal).startswith(str(path))
-        return
-    truth = {tuple(np.nan_to_num(point, nan=9.0)): time for point, time in zip(WAYS[1] * 0.001, TIMES, strict=True)}
-    seen = [(tuple(np.nan_to_num(point, nan=9.0)), time) for point, time in zip(found.points, found.times, strict=True)]
-    for point, _ in seen[:-1]:
-        assert any(np.allclose(point, true, rtol=0, atol=1e-9) for true in truth)
-    step = np.diff(found.times) * RATE
-    np.testing.assert_allclose(step, np.round(step), atol=1e-6)
+    with pytest.raises(ChoiceNeeded, match=r"Tool \(Rigid Body\), Tool \(Marker\)"):
+        read(path, Choices(up_axis="z"))
+    (way,) = read(path, Choices(marker="Tool (Marker)", up_axis="z"))
+    np.testing.assert_allclose(way.points, WAYS[1] * 0.001, rtol=1e-14)
 
 
 def test_c3d_gives_unit_rate_and_gaps(tmp_path: Path) -> None:
-    ezc3d = pytest.importorskip("ezc3d")
-    content = ezc3d.c3d()
-    content["parameters"]["POINT"]["RATE"]["value"] = [RATE]
-    content["parameters"]["POINT"]["LABELS"]["value"] = ["Wrist", "Tool"]
-    content["parameters"]["POINT"]["UNITS"]["value"] = ["mm"]
-    points = np.ones((4, 2, FRAMES))
-    points[:3] = WAYS.transpose(2, 0, 1)
-    content["data"]["points"] = points
-    path = tmp_path / "stroke.c3d"
-    content.write(str(path))
+    pytest.importorskip("ezc3d")
+    path = c3d_file(tmp_path / "stroke.c3d")
     (way,) = read(path, Choices(marker="Tool"))
     np.testing.assert_allclose(way.points, WAYS[1] * 0.001, atol=1e-7)
     np.testing.assert_allclose(way.times, TIMES, atol=1e-12)
@@ -242,34 +161,8 @@ def test_a_parser_that_crashes_takes_nobody_with_it(tmp_path: Path, monkeypatch:
 
 @pytest.mark.parametrize("storage", ["SQLITE3", "MCAP"])
 def test_a_ros_bag_gives_the_poses_of_a_topic(tmp_path: Path, storage: str) -> None:
-    rosbag2 = pytest.importorskip("rosbags.rosbag2")
-    from rosbags.typesys import Stores, get_typestore
-
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    folder = tmp_path / "recording"
-    kinds = {
-        name: store.types[name] for name in store.types if name.startswith(("geometry_msgs", "std_msgs", "builtin"))
-    }
-    pose, header = kinds["geometry_msgs/msg/PoseStamped"], kinds["std_msgs/msg/Header"]
-    with rosbag2.Writer(folder, version=8, storage_plugin=getattr(rosbag2.StoragePlugin, storage)) as writer:
-        for topic in ("/tool", "/wrist"):
-            connection = writer.add_connection(topic, pose.__msgtype__, typestore=store)
-            for i in range(FRAMES):
-                nanoseconds = 1_700_000_000_000_000_000 + round(TIMES[i] * 1e9)
-                x, y, z = np.nan_to_num(WAYS[1, i] * 0.001, nan=np.nan).tolist()
-                message = pose(
-                    header=header(
-                        stamp=kinds["builtin_interfaces/msg/Time"](
-                            sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9
-                        ),
-                        frame_id="plate",
-                    ),
-                    pose=kinds["geometry_msgs/msg/Pose"](
-                        position=kinds["geometry_msgs/msg/Point"](x=x, y=y, z=z),
-                        orientation=kinds["geometry_msgs/msg/Quaternion"](x=0.0, y=0.0, z=0.0, w=1.0),
-                    ),
-                )
-                writer.write(connection, nanoseconds, store.serialize_cdr(message, pose.__msgtype__))
+    pytest.importorskip("rosbags")
+    folder = rosbag_folder(tmp_path / "recording", storage)
     (way,) = read(folder, Choices(topic="/tool"))
     np.testing.assert_allclose(way.points, WAYS[1] * 0.001, rtol=1e-14)
     np.testing.assert_allclose(way.times, TIMES, atol=1e-8)
