@@ -4,7 +4,8 @@
         def make_arm(self): return MyArm(...)
 
 Needs pytest with pytest-asyncio in its automatic mode. The plans are one straight line of 30 mm at 3 mm/s, 1 mm above
-the plate of the arm's ``part_frame``, with its travel; the arm has to stand at home when it is opened.
+the plate of the arm's ``part_frame``, with its travel; the arm has to stand at home when it is opened. Where making
+contact is slow, one arm can serve all tests: see ``keep_open``.
 """
 
 import asyncio
@@ -19,7 +20,19 @@ import numpy as np
 
 from models.motion import Motion
 from sim import arms
-from sim.arm import Arm, ArmError, ArmFault, ArmMode, ArmModel, CommandRefused, Progress, StartRefused, Stopped, Trace
+from sim.arm import (
+    Arm,
+    ArmError,
+    ArmFault,
+    ArmMode,
+    ArmModel,
+    CommandRefused,
+    Progress,
+    StartRefused,
+    Stopped,
+    Trace,
+    angles_between,
+)
 from sim.kinematics import kinematics
 from sim.plan import MotionOrder, MotionPlan, plan_home, plan_motion
 
@@ -46,10 +59,21 @@ class ArmConformance:
 
     tracking = 1e-4
     """Largest distance in m of the measured nozzle from the commanded one."""
+    turning = 1e-3
+    """Largest angle in rad between the measured nozzle and the commanded one."""
     off_path = 1e-5
     """Largest distance in m by which pause, resume, override and stop may leave the path."""
     patience = 60.0
     """Longest time in s to wait for anything."""
+    speed = 0.003
+    """Speed in m/s along the line: the slower, the more time there is to do something to a running arm."""
+    keep_open = False
+    """Whether one arm is kept open for all tests of the class, brought home between them.
+
+    The tests then have to share an event loop (``pytest.mark.asyncio(loop_scope="class")``) and ``let_go`` has to be
+    called at their end.
+    """
+    _kept: Arm | None = None
 
     def make_arm(self) -> Arm:
         """Return an arm that is not open yet."""
@@ -57,13 +81,39 @@ class ArmConformance:
 
     @asynccontextmanager
     async def opened(self) -> AsyncIterator[Arm]:
-        """Give an open arm and close it afterwards, whatever happens."""
-        arm = self.make_arm()
+        """Give an open arm at home and close it afterwards, or keep it, whatever happens."""
+        cls = type(self)
+        arm = cls._kept or self.make_arm()
         await arm.open()
+        cls._kept = arm if cls.keep_open else None
         try:
             yield arm
         finally:
+            if cls._kept is None or arm.state().mode is ArmMode.CLOSED:
+                cls._kept = None
+                await arm.close()
+            else:
+                await self.bring_home(arm)
+
+    @classmethod
+    async def let_go(cls) -> None:
+        """Close the arm that was kept open, if there is one."""
+        arm, cls._kept = cls._kept, None
+        if arm is not None:
             await arm.close()
+
+    async def bring_home(self, arm: Arm) -> None:
+        """Stop an arm, acknowledge what is to be acknowledged, and bring it home at full speed."""
+        await arm.stop("the test is over")
+        if arm.state().mode is not ArmMode.IDLE:
+            await arm.reset()
+        await arm.set_override(1.0)
+        if away(arm, np.array(arm.model.home)) > 1e-3:
+            await arm.run(plan_home(arm.model, arm.state().joints), lambda _: None)
+
+    def plan(self, arm: Arm) -> MotionPlan:
+        """Return the plan of the straight line for an arm."""
+        return line_plan(arm.model, self.speed)
 
     async def test_opening_and_closing_twice_is_as_good_as_once(self) -> None:
         arm = self.make_arm()
@@ -79,11 +129,13 @@ class ArmConformance:
 
     async def test_a_run_goes_through_every_sample_and_ends_at_rest_at_the_plans_end(self) -> None:
         async with self.opened() as arm:
-            plan = line_plan(arm.model)
+            plan = self.plan(arm)
             trace = await arm.run(plan, lambda _: None)
             assert len(trace.times) == plan.samples
             assert np.abs(trace.joints_commanded - plan.joints).max() < 1e-9
             assert trace.tracking_error()[1] <= self.tracking
+            assert angles_between(trace.orientation_commanded, plan.orientations).max() < 1e-6
+            assert trace.orientation_error()[1] <= self.turning
             assert np.array_equal(trace.dispense, plan.dispense)
             assert trace.source
             state = arm.state()
@@ -95,7 +147,7 @@ class ArmConformance:
         async with self.opened() as arm:
             told: list[tuple[float, Progress]] = []
             began = time.monotonic()
-            await arm.run(line_plan(arm.model), lambda progress: told.append((time.monotonic(), progress)))
+            await arm.run(self.plan(arm), lambda progress: told.append((time.monotonic(), progress)))
             took = time.monotonic() - began
             fractions = [progress.fraction for _, progress in told]
             assert fractions == sorted(fractions)
@@ -104,12 +156,12 @@ class ArmConformance:
 
     async def test_a_closed_arm_refuses(self) -> None:
         arm = self.make_arm()
-        error = await refusal(arm.run(line_plan(arm.model), lambda _: None))
+        error = await refusal(arm.run(self.plan(arm), lambda _: None))
         assert isinstance(error, StartRefused)
 
     async def test_a_plan_that_is_not_whole_or_not_for_this_arm_is_refused_and_nothing_moves(self) -> None:
         async with self.opened() as arm:
-            plan = line_plan(arm.model)
+            plan = self.plan(arm)
             broken = plan.joints.copy()
             broken[len(broken) // 2, 0] = np.nan
             poisoned = replace(plan, joints=broken)
@@ -119,7 +171,7 @@ class ArmConformance:
                 "NaN, digest made to fit": replace(poisoned, digest=poisoned.content_digest()),
                 "changed after it was checked": shifted,
                 "without a digest": replace(plan, digest=""),
-                "made for another arm": line_plan(arms.load(other)),
+                "made for another arm": line_plan(arms.load(other), self.speed),
             }
             before = arm.state().joints
             for what, plan in bad.items():
@@ -131,7 +183,7 @@ class ArmConformance:
 
     async def test_two_runs_at_once_are_refused(self) -> None:
         async with self.running() as (arm, run):
-            error = await refusal(arm.run(line_plan(arm.model), lambda _: None))
+            error = await refusal(arm.run(self.plan(arm), lambda _: None))
             assert isinstance(error, StartRefused)
             assert error.failure == "Busy"
             assert not run.done()
@@ -141,14 +193,14 @@ class ArmConformance:
             await arm.pause("a look")
             state = arm.state()
             assert (state.mode, state.at_rest) == (ArmMode.PAUSED, True)
-            error = await refusal(arm.run(line_plan(arm.model), lambda _: None))
+            error = await refusal(arm.run(self.plan(arm), lambda _: None))
             assert isinstance(error, StartRefused)
             await arm.set_override(0.9)
             assert arm.state().mode is ArmMode.PAUSED
             await arm.set_override(1.0)
             await arm.resume()
             trace = await asyncio.wait_for(run, self.patience)
-            assert left_path(trace, line_plan(arm.model)) <= self.off_path
+            assert left_path(trace, self.plan(arm)) <= self.off_path
             assert (np.diff(trace.path_times) >= 0.0).all(), "the arm went back on its path"
             assert trace.tracking_error()[1] <= self.tracking
             assert arm.state().at_rest
@@ -160,7 +212,7 @@ class ArmConformance:
             ended = await outcome(run)
             assert isinstance(ended, Stopped)
             assert ended.because == "operator pressed stop"
-            assert left_path(ended.trace, line_plan(arm.model)) <= self.off_path
+            assert left_path(ended.trace, self.plan(arm)) <= self.off_path
             assert not ended.trace.dispense[-1]
             assert arm.state().mode is ArmMode.IDLE
 
@@ -173,7 +225,7 @@ class ArmConformance:
 
     async def test_a_stop_in_the_approach_rests_too(self) -> None:
         async with self.opened() as arm:
-            plan = line_plan(arm.model)
+            plan = self.plan(arm)
             run = asyncio.create_task(arm.run(plan, lambda _: None))
             await self.until(lambda: away(arm, plan.joints[0]) > 1e-3)
             await arm.stop("changed my mind")
@@ -186,7 +238,7 @@ class ArmConformance:
         async with self.running() as (arm, run):
             await arm.stop("operator pressed stop")
             await outcome(run)
-            error = await refusal(arm.run(line_plan(arm.model), lambda _: None))
+            error = await refusal(arm.run(self.plan(arm), lambda _: None))
             assert isinstance(error, StartRefused)
             await arm.run(plan_home(arm.model, arm.state().joints), lambda _: None)
             assert away(arm, np.array(arm.model.home)) < 2e-3
@@ -214,7 +266,7 @@ class ArmConformance:
 
     async def test_an_override_slows_the_run_down_on_the_same_path(self) -> None:
         async with self.running() as (arm, run):
-            plan = line_plan(arm.model)
+            plan = self.plan(arm)
             await arm.set_override(0.5)
             trace = await asyncio.wait_for(run, self.patience)
             assert trace.times[-1] > plan.duration * 1.05
@@ -250,7 +302,7 @@ class ArmConformance:
     async def running(self) -> "AsyncIterator[tuple[Arm, asyncio.Task[Trace]]]":
         """Give an arm in the middle of the learned path, with its run."""
         async with self.opened() as arm:
-            plan = line_plan(arm.model)
+            plan = self.plan(arm)
             middle = plan.joints[sum(plan.path_rows) // 4]
             seen: list[float] = []
             run = asyncio.create_task(arm.run(plan, lambda progress: seen.append(progress.time)))
@@ -268,7 +320,7 @@ class ArmConformance:
         limit = time.monotonic() + self.patience
         while not condition():
             assert time.monotonic() < limit, "waited in vain"
-            await asyncio.sleep(0)
+            await asyncio.sleep(0.001)
 
 
 def away(arm: Arm, joints: np.ndarray) -> float:

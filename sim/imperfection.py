@@ -7,6 +7,8 @@ import numpy as np
 
 from sim.arm import Floats
 
+CAUGHT_UP = 1e-6
+
 
 @dataclass(frozen=True, slots=True)
 class Imperfection:
@@ -20,6 +22,10 @@ class Imperfection:
     def begin(self, joints: Floats, dt: float) -> "Faults":
         """Return the faults of one run that begins at joints (dof,); the same seed gives the same run."""
         return Faults(self, joints, dt)
+
+    def label(self) -> str:
+        """Return what a trace's source says of it."""
+        return f"made imperfect on purpose ({self.described()})"
 
     def described(self) -> str:
         """Return the numbers as words for a trace."""
@@ -37,7 +43,13 @@ class Faults:
         self._share = 1.0 - math.exp(-dt / size.lag) if size.lag > 0.0 else 1.0
         self._lagged = joints.copy()
         self._played = joints.copy()
+        self._still = True
         self._random = np.random.default_rng(size.seed)
+
+    @property
+    def settled(self) -> bool:
+        """Whether the joints have caught up with what was commanded last."""
+        return self._still
 
     def command(self, start: Floats, end: Floats) -> tuple[Floats, Floats]:
         """Return what the joints really follow in a tick from ``start`` to ``end``."""
@@ -45,6 +57,7 @@ class Faults:
         self._lagged = self._lagged + self._share * (end - self._lagged)
         half = 0.5 * self._size.backlash
         self._played = np.clip(before, self._lagged - half, self._lagged + half)
+        self._still = bool(np.abs(end - self._lagged).max() < CAUGHT_UP)
         return before, self._played
 
     def measure(self, joints: Floats) -> Floats:

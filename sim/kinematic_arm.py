@@ -1,6 +1,6 @@
-"""An arm without a simulator.
+"""An arm without a simulator: exactly where it is commanded to be, unless it was made imperfect on purpose.
 
-It is exactly where it is commanded to be. For machines without PyBullet, and for fast tests.
+For machines without PyBullet, and for fast tests. It watches the order's tolerances as every simulated arm does.
 """
 
 import asyncio
@@ -22,24 +22,28 @@ from sim.arm import (
 )
 from sim.execution import Execution, Phase, Recorder
 from sim.gate import check_override, check_start
+from sim.imperfection import Faults, Imperfection
 from sim.kinematics import kinematics
+from sim.monitor import Monitor
 from sim.plan import MotionPlan
 from sim.pose import pose_of
 
 SLICE = 0.002
 PROGRESS_PERIOD = 0.07
 NAP = 0.005
+SETTLE = 2.0
 
 
 class KinematicArm:
-    """An ``Arm`` that obeys exactly.
+    """An ``Arm`` that obeys exactly, or as badly as ``imperfection`` says.
 
     ``realtime`` paces it like a real one; else it runs as fast as the computer allows.
     """
 
-    def __init__(self, model: ArmModel, realtime: bool = True) -> None:
+    def __init__(self, model: ArmModel, realtime: bool = True, imperfection: Imperfection | None = None) -> None:
         self.model = model
         self._realtime = realtime
+        self._imperfection = imperfection
         self._joints: Floats = np.array(model.home)
         self._execution: Execution | None = None
         self._is_open = False
@@ -74,18 +78,23 @@ class KinematicArm:
         """Run a plan to its end and return what was commanded, which here is also what was measured."""
         check_start(self.model, self.state(), plan)
         execution = self._execution = Execution(plan, self.model, self._override)
-        recorder = Recorder(self.model, f"{self.model.name}, kinematic: exactly as commanded, no physics")
+        worse = self._imperfection
+        how = f", {worse.label()}" if worse else ": exactly as commanded, no physics"
+        recorder = Recorder(self.model, f"{self.model.name}, kinematic{how}")
+        follower = Follower(execution, self._joints, worse)
         try:
-            await self._drive(execution, recorder, on_progress)
+            await self._drive(execution, follower, recorder, on_progress)
         finally:
             if execution.phase is not Phase.ENDED:
                 execution.stop("the run was cancelled")
                 while execution.phase is not Phase.ENDED:
-                    self._joints = execution.tick()
+                    follower.tick()
+            self._joints = follower.settle(SETTLE)
             self._execution = None
             self._tell()
         if execution.failure:
-            self._protective = execution.stop_reason
+            if execution.failure == "ProtectiveStop":
+                self._protective = execution.stop_reason
             raise ArmFault(execution.failure, execution.stop_reason, recorder.trace())
         if execution.stop_reason:
             raise Stopped(execution.stop_reason, recorder.trace())
@@ -134,8 +143,15 @@ class KinematicArm:
             raise CommandRefused("Busy", f"{self.model.name} is {self._mode()}: stop it before a reset")
         self._protective = ""
 
-    async def _drive(self, execution: Execution, recorder: Recorder, on_progress: Callable[[Progress], None]) -> None:
-        recorder.add(execution, self._joints, self._joints)
+    async def _drive(
+        self,
+        execution: Execution,
+        follower: "Follower",
+        recorder: Recorder,
+        on_progress: Callable[[Progress], None],
+    ) -> None:
+        monitor = Monitor(execution.plan, recorder)
+        recorder.add(execution, follower.wanted, follower.measured())
         began = time.monotonic()
         told = 0.0
         ticks = 0
@@ -149,10 +165,11 @@ class KinematicArm:
             until = time.monotonic() + SLICE
             due = (time.monotonic() - began) / execution.dt if self._realtime else float("inf")
             while execution.phase not in {Phase.ENDED, Phase.PAUSED} and ticks < due and time.monotonic() < until:
-                self._joints = execution.tick()
+                self._joints = follower.tick()
                 ticks += 1
                 if ticks % execution.ticks_a_row == 0 or execution.phase is Phase.ENDED:
-                    recorder.add(execution, self._joints, self._joints)
+                    recorder.add(execution, follower.wanted, follower.measured())
+                    monitor.look(execution)
             now = time.monotonic()
             if now - told >= PROGRESS_PERIOD:
                 told = now
@@ -184,3 +201,34 @@ class KinematicArm:
         if self._execution.phase is Phase.PAUSED:
             return ArmMode.PAUSED
         return ArmMode.STOPPING if self._execution.phase is Phase.STOPPING else ArmMode.RUNNING
+
+
+class Follower:
+    """Where the joints really are in one run: where they are sent, or worse if that was asked for."""
+
+    def __init__(self, execution: Execution, joints: Floats, imperfection: Imperfection | None) -> None:
+        self._execution = execution
+        self._faults: Faults | None = imperfection.begin(joints, execution.dt) if imperfection else None
+        self.wanted = joints
+        self._joints = joints
+
+    def tick(self) -> Floats:
+        """Go on by one tick and return the joints (dof,) as they are."""
+        return self._to(self._execution.tick())
+
+    def settle(self, longest: float) -> Floats:
+        """Let joints that lag behind arrive, ``longest`` s at most, and return where they rest."""
+        for _ in range(int(longest / self._execution.dt)):
+            if self._faults is None or self._faults.settled:
+                break
+            self._to(self.wanted)
+        return self._joints
+
+    def measured(self) -> Floats:
+        """Return the joints (dof,) as the encoders tell them."""
+        return self._joints if self._faults is None else self._faults.measure(self._joints)
+
+    def _to(self, wanted: Floats) -> Floats:
+        before, self.wanted = self.wanted, wanted
+        self._joints = wanted if self._faults is None else self._faults.command(before, wanted)[1]
+        return self._joints

@@ -41,9 +41,7 @@ class Worker:
         self._override = 1.0
         self._commands: queue.SimpleQueue[Message] = queue.SimpleQueue()
         self._source = f"{model.name}, simulated by PyBullet" + (
-            f", made imperfect on purpose ({imperfection.described()})"
-            if imperfection
-            else ": says nothing about a real arm"
+            f", {imperfection.label()}" if imperfection else ": says nothing about a real arm"
         )
 
     def listen(self, parent: int) -> None:
