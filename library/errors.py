@@ -91,14 +91,6 @@ class Damaged(LibraryError):
         self.what = what
 
 
-class Damaged(LibraryError):
-    """Something stored cannot be read back as what it was stored as: nobody who asks for it is at fault."""
-
-    def __init__(self, what: str, reason: str) -> None:
-        super().__init__(f"what is stored of {what} cannot be read, {reason}: restore it from a backup")
-        self.what = what
-
-
 class ReaderError(LibraryError):
     """A file that cannot be read as demonstrations: which file, which line if one is at fault, and what to do."""
 
@@ -110,9 +102,9 @@ class ReaderError(LibraryError):
         self.remedy = remedy
         self.line = line
 
-    def named(self, path: Path) -> "ReaderError":
-        """Return the same complaint about a file of another name: the one its owner knows."""
-        return ReaderError(path, self.problem, self.remedy, self.line)
+    def named(self, path: Path, now: Path) -> "ReaderError":
+        """Return the same complaint about a file that is called ``now`` and that its owner knows as ``path``."""
+        return ReaderError(path, self.problem.replace(str(now), str(path)), self.remedy, self.line)
 
 
 class ChoiceNeeded(ReaderError):
@@ -125,6 +117,6 @@ class ChoiceNeeded(ReaderError):
         self.choice = choice
         self.options = options
 
-    def named(self, path: Path) -> "ChoiceNeeded":
-        """Return the same question about a file of another name."""
+    def named(self, path: Path, now: Path) -> "ChoiceNeeded":
+        """Return the same question about a file that is called ``now`` and that its owner knows as ``path``."""
         return ChoiceNeeded(path, self.problem, self.remedy, self.choice, self.options, self.line)

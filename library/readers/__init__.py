@@ -35,6 +35,7 @@ __all__ = [
     "without_gaps",
 ]
 
+SPREADSHEETS = {".xlsx", ".xls", ".xlsm", ".ods", ".numbers"}
 FORMATS = "CSV (plain, Vicon Nexus, OptiTrack Motive), .trc, .c3d, .bag, .db3, .mcap, LASA .mat"
 
 
@@ -53,7 +54,9 @@ def read(path: str | Path, choices: Choices | None = None) -> list[Demonstration
         return lasa_files.read(path)
     if suffix in {".csv", ".txt", ".tsv", ".trc"}:
         return _read_text(Sheet.read(path), choices)
-    raise ReaderError(path, f"files that end in {suffix or 'nothing'!r} are not known", f"these can be read: {FORMATS}")
+    what = f"files that end in {suffix} are not known" if suffix else "its name does not end in a format"
+    sheet = "save it as CSV; " if suffix in SPREADSHEETS else ""
+    raise ReaderError(path, what, f"{sheet}these can be read: {FORMATS}")
 
 
 def read_upload(name: str, content: bytes, choices: Choices | None = None) -> list[Demonstration]:
@@ -69,7 +72,7 @@ def read_upload(name: str, content: bytes, choices: Choices | None = None) -> li
         try:
             return read(path, choices)
         except ReaderError as error:
-            raise error.named(Path(last or "upload")) from None
+            raise error.named(Path(last or "upload"), path) from None
 
 
 def _read_text(sheet: Sheet, choices: Choices) -> list[Demonstration]:
@@ -77,7 +80,7 @@ def _read_text(sheet: Sheet, choices: Choices) -> list[Demonstration]:
         return motive_csv.read(sheet, choices)
     if trc.is_trc(sheet) or sheet.path.suffix.lower() == ".trc":
         return trc.read(sheet, choices)
-    if vicon_csv.is_vicon(sheet):
+    if vicon_csv.is_vicon(sheet) or vicon_csv.is_without_trajectories(sheet):
         return vicon_csv.read(sheet, choices)
     return plain_csv.read(sheet, choices)
 

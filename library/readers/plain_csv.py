@@ -12,18 +12,30 @@ from pathlib import Path
 import numpy as np
 
 from library.readers.choices import Choices
-from library.readers.sheet import MAX_EXTENT, METRES, SECONDS, Sheet, demonstration, orientations_turned_up, turned_up
+from library.readers.sheet import (
+    MAX_EXTENT,
+    METRES,
+    SECONDS,
+    Sheet,
+    demonstration,
+    is_number,
+    orientations_turned_up,
+    turned_up,
+)
 from models.demonstration import Demonstration
 
 ROLES = {
     **dict.fromkeys(("t", "time", "times", "timestamp"), "t"),
     **{name: name for name in ("x", "y", "z", "qx", "qy", "qz", "qw")},
+    **{f"{word}_{axis}": axis for word in ("pos", "position") for axis in ("x", "y", "z")},
     **dict.fromkeys(("trigger", "triggers", "button", "dispense"), "trigger"),
     **dict.fromkeys(("demonstration", "demonstration_id", "demo", "trial"), "demonstration"),
 }
 HEADER = "name the columns on the first line, for example t_s,x_mm,y_mm,z_mm,trigger"
+KNOWN = ("t", "x", "y", "z", "qx", "qy", "qz", "qw", "trigger", "demonstration")
 QUATERNION = ("qx", "qy", "qz", "qw")
 MAX_EXTENT_WITHOUT_UNIT = 3.0
+SLOWEST = 2.0
 ON_OFF = {"0": False, "1": True, "false": False, "true": True, "off": False, "on": True}
 _COLUMN = re.compile(r"([a-z_]+?)(?:_(s|ms|us|ns|m|cm|mm)| ?[\[(](\w+)[\])])?")
 
@@ -57,13 +69,19 @@ def read(sheet: Sheet, choices: Choices) -> list[Demonstration]:
 
 
 def _header(sheet: Sheet, choices: Choices) -> tuple[dict[str, int], dict[str, float]]:
+    first = sheet.cells(1)
+    if first and is_number(first[0]):
+        raise sheet.error("the first line holds numbers and no names", HEADER, 1)
+    words = first[0].lower().split() if len(first) == 1 else []
+    if len(words) > 1 and all(_COLUMN.fullmatch(word) for word in words):
+        raise sheet.error("its columns are not separated", "separate them by commas, semicolons or tabs", 1)
     columns: dict[str, int] = {}
     factors: dict[str, float] = {}
     for index, cell in enumerate(sheet.cells(1)):
         match = _COLUMN.fullmatch(cell.lower())
         role = ROLES.get(match.group(1), "") if match else ""
         if match is None or not role:
-            known = ", ".join(sorted(set(ROLES.values())))
+            known = ", ".join(KNOWN)
             raise sheet.error(f"column {index + 1} is called {cell[:40]!r}", f"{HEADER}; known names: {known}", 1)
         if role in columns:
             raise sheet.error(f"column {index + 1} is a second {role}", "leave one of them", 1)
@@ -120,6 +138,9 @@ def _one(
         if len(wrong):
             raise sheet.error("the quaternion has not length 1", "mend or delete the line", lines[int(wrong[0])])
         orientations = orientations / lengths[:, None]
+    if not _unit_of(sheet, columns["t"]) and float(np.median(np.diff(times)) if len(times) > 1 else 0.0) > SLOWEST:
+        step = float(np.median(np.diff(times)))
+        raise sheet.error(f"its samples are {step:g} s apart", "name the unit of its times, as in t_ms", 1)
     times, points = times * factors["t"], points * factors["x"]
     if len(axes) == 3 and choices.up_axis:
         points = turned_up(points, choices.up_axis)

@@ -61,13 +61,22 @@ class Sheet:
         return value
 
 
+def is_number(text: str) -> bool:
+    """Return whether a cell reads as a number."""
+    return _NUMBER.fullmatch(text.replace(",", ".")) is not None
+
+
 def read_text(path: Path) -> str:
     """Return the text of a file in UTF-8 or, by its byte order mark, UTF-16."""
     content = read_bytes(path)
+    if content[:4] == b"PK\x03\x04":
+        raise ReaderError(path, "it is a spreadsheet or another packed file", "save it as CSV")
     encoding = "utf-16" if content[:2] in {b"\xff\xfe", b"\xfe\xff"} else "utf-8-sig"
     try:
         return content.decode(encoding)
     except UnicodeDecodeError as error:
+        if b"\0" in content[:1000]:
+            raise ReaderError(path, "it is no text file", "export it again as CSV") from error
         line = content[: error.start].count(b"\n") + 1
         raise ReaderError(path, "it holds bytes that are no text in UTF-8", "save it as UTF-8", line) from error
 
@@ -102,21 +111,21 @@ def demonstration(
     Beyond ``farthest`` m from the origin the unit has to be said: nobody works there.
     """
     if len(times) < 2:
-        raise ReaderError(path, f"{name} has {len(times)} samples", "at least 2 are needed: record it again")
+        raise ReaderError(path, f"{name!r} has {len(times)} samples", "at least 2 are needed: record it again")
     if np.isnan(points).any(axis=1).all():
-        raise ReaderError(path, f"{name} has no position at all", "choose a marker that was seen")
+        raise ReaderError(path, f"{name!r} has no position at all", "choose a marker that was seen")
     extent = float(np.nanmax(np.abs(points)))
     if extent > farthest:
         raise ChoiceNeeded(
             path,
-            f"{name} is up to {extent:.1f} m away from the origin",
+            f"{name!r} reaches {extent:.1f} m from the origin",
             "name the unit of its positions, as in x_mm, or choose it when reading",
             "unit",
             ("m", "cm", "mm"),
         )
     steps = np.diff(times)
     if not (steps > 0).all():
-        raise ReaderError(path, f"the times of {name} do not rise", "export it again with its times")
+        raise ReaderError(path, f"the times of {name!r} do not rise", "export it again with its times")
     return Demonstration(
         demonstration_id=name,
         times=times - times[0],

@@ -13,8 +13,15 @@ def is_vicon(sheet: Sheet) -> bool:
     return any(cells and cells[0] == "Trajectories" for cells in sheet.rows)
 
 
+def is_without_trajectories(sheet: Sheet) -> bool:
+    """Return whether the file begins as Nexus's do, with another block."""
+    return bool(sheet.rows) and sheet.rows[0][:1] in (["Devices"], ["Joints"], ["Model Outputs"], ["Segments"])
+
+
 def read(sheet: Sheet, choices: Choices) -> list[Demonstration]:
     """Return the way of the chosen marker; Nexus exports with z up."""
+    if not is_vicon(sheet):
+        raise sheet.error(f"it holds {sheet.rows[0][0]} and no trajectories", AGAIN, 1)
     start = next(line for line, cells in enumerate(sheet.rows, 1) if cells and cells[0] == "Trajectories")
     sheet.cells(start + 1)
     rate = sheet.number(start + 1, 0) if sheet.rows[start] else 0.0

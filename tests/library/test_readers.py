@@ -112,6 +112,12 @@ BROKEN = [
     ("t,x,y,qx,qy,qz,qw\n0,0,0,0,0,0,1\n1,0,0,0,0,0,0.5\n", 3, "length 1"),
     ("t;x;y\n0;1.234,5;2\n1;2;3\n", 2, "not a number"),
     (b"t_s,x_mm,y_mm\n0,1,2\n1,\xff\xfe,2\n", 3, "UTF-8"),
+    (b"PK\x03\x04 and so on", None, "spreadsheet"),
+    (b"\x00\x80" * 200, None, "no text file"),
+    ("t_s x_m y_m\n0 1 2\n1 2 3\n", 1, "not separated"),
+    ("t,x_mm,y_mm\n1000,1,2\n1010,2,3\n1020,3,4\n", 1, "t_ms"),
+    ("timestamp,x,y\n0,1,2\n1,2,4\n", None, "name the unit"),
+    ("Devices\n1200\n,,Force\nFrame,Sub Frame,Fx\n,,N\n51,0,1.5\n", 1, "no trajectories"),
 ]
 
 
@@ -133,7 +139,9 @@ def test_files_that_cannot_be_read_are_told(tmp_path: Path, file: Any) -> None:
     for path, words in (
         (tmp_path / "missing.csv", "No such file"),
         (tmp_path, "folder"),
-        (file("x", "movie.avi"), "'.avi'"),
+        (file("x", "movie.avi"), "end in .avi"),
+        (file("x", "plan.xlsx"), "save it as CSV"),
+        (file("x", "stroke"), "does not end in a format"),
     ):
         with pytest.raises(ReaderError, match=words):
             read(path)
