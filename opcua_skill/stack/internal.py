@@ -27,9 +27,9 @@ from opcua_skill.stack.limits import Limits
 from opcua_skill.stack.sessions import Channel, Session, internal_user
 from opcua_skill.stack.subscriptions import Subscriptions
 from opcua_skill.stack.values import SERVER, status_name
+from opcua_skill.stack.writing import WRITABLE
 
 log = logging.getLogger(__name__)
-_WRITABLE = 1 << ua.AccessLevel.CurrentWrite
 
 
 class _NobodyByDefault(UserManager):
@@ -187,9 +187,9 @@ class SkillInternalServer(InternalServer):
 
     def user_access_level(self, node_id: ua.NodeId, role: Role, told: ua.DataValue) -> ua.DataValue:
         """Return a UserAccessLevel without the right to write for a role that may not."""
-        if told.Value is None or self.may_write(node_id, role) or not told.Value.Value & _WRITABLE:
+        if told.Value is None or self.may_write(node_id, role) or not told.Value.Value & WRITABLE:
             return told
-        return dataclasses.replace(told, Value=ua.Variant(told.Value.Value & ~_WRITABLE, ua.VariantType.Byte))
+        return dataclasses.replace(told, Value=ua.Variant(told.Value.Value & ~WRITABLE, ua.VariantType.Byte))
 
 
 def _connected(session: Session) -> bool:

@@ -43,6 +43,9 @@ class Items(MonitoredItemService):
         super().__init__(subscription, aspace)
         self._limits = limits
         self._handle_of: dict[int, int] = {}
+        self._stamps: dict[int, ua.TimestampsToReturn] = {}
+        self._wanted_stamps = ua.TimestampsToReturn.Both
+        self.sampling: set[int] = set()
 
     def __len__(self) -> int:
         return len(self._monitored_items)
@@ -53,6 +56,7 @@ class Items(MonitoredItemService):
     async def create_monitored_items(self, params: Any) -> list[ua.MonitoredItemCreateResult]:
         """Add items; each has a result of its own."""
         results = []
+        self._wanted_stamps = params.TimestampsToReturn
         for place, item in enumerate(params.ItemsToCreate):
             if code := self._fault(item):
                 refused = ua.MonitoredItemCreateResult()
@@ -91,7 +95,37 @@ class Items(MonitoredItemService):
         item = self._monitored_items.get(result.MonitoredItemId)
         if item is not None and item.callback_handle is not None:
             self._handle_of[result.MonitoredItemId] = item.callback_handle
+            self._stamps[result.MonitoredItemId] = self._wanted_stamps
         return result
+
+    def _commit_monitored_item(self, result: ua.MonitoredItemCreateResult, mdata: MonitoredItemData) -> None:
+        super()._commit_monitored_item(result, mdata)
+        if mdata.mode == ua.MonitoringMode.Sampling:
+            self.sampling.add(result.MonitoredItemId)
+
+    async def _set_monitoring_mode(self, mode: ua.MonitoringMode, mid: int) -> ua.StatusCode:
+        done = await super()._set_monitoring_mode(mode, mid)
+        if done.is_good():
+            (self.sampling.add if mode == ua.MonitoringMode.Sampling else self.sampling.discard)(mid)
+            if mode == ua.MonitoringMode.Disabled:
+                self.isub.forget_item(mid)
+        return done
+
+    def modify_monitored_items(self, params: Any) -> list[ua.MonitoredItemModifyResult]:
+        """Change items; each has a result of its own."""
+        self._wanted_stamps = params.TimestampsToReturn
+        return [self._modify_monitored_item(item) for item in params.ItemsToModify]
+
+    def stamps(self, mid: int) -> ua.TimestampsToReturn:
+        """Return which timestamps an item's values are told with."""
+        return self._stamps.get(mid, ua.TimestampsToReturn.Both)
+
+    def tell_again(self) -> None:
+        """Queue the value each item has now, for a session that has taken the subscription over."""
+        for mid, item in self._monitored_items.items():
+            value = item.mvalue.current_dvalue
+            if value is not None and item.mode != ua.MonitoringMode.Disabled:
+                self.isub.queue_value(mid, item, value)
 
     def _modify_monitored_item(self, params: ua.MonitoredItemModifyRequest) -> ua.MonitoredItemModifyResult:
         result, wanted = ua.MonitoredItemModifyResult(), params.RequestedParameters
@@ -113,6 +147,8 @@ class Items(MonitoredItemService):
                 item.where_clause_evaluator = EventFilter(self.logger, self.aspace, item.filter.WhereClause)
         item.queue_size = self._revise_queue_size(wanted.QueueSize or (0 if for_events else 1))
         item.client_handle = wanted.ClientHandle
+        if not for_events:
+            self._stamps[params.MonitoredItemId] = self._wanted_stamps
         result.RevisedQueueSize = item.queue_size  # pyright: ignore[reportAttributeAccessIssue]
         result.RevisedSamplingInterval = self.isub.data.RevisedPublishingInterval
         return result
@@ -121,6 +157,8 @@ class Items(MonitoredItemService):
         item = self._monitored_items.pop(mid, None)
         if item is None:
             return status(Codes.BadMonitoredItemIdInvalid)
+        self._stamps.pop(mid, None)
+        self.sampling.discard(mid)
         handle = self._handle_of.pop(mid, None)
         if handle is not None:
             self._monitored_datachange.pop(handle, None)

@@ -25,6 +25,12 @@ async def _write(processor: "Processor", session: "Session", params: Any) -> Any
     return response
 
 
+async def _history_read(processor: "Processor", session: "Session", params: Any) -> Any:
+    response = ua.HistoryReadResponse()
+    response.Results = await session.history_read(params)
+    return response
+
+
 async def _browse(processor: "Processor", session: "Session", params: Any) -> Any:
     response = ua.BrowseResponse()
     response.Results = await session.browse(params)
@@ -127,6 +133,7 @@ async def _unregister_nodes(processor: "Processor", session: "Session", params: 
 SERVICES: dict[int, tuple[type, Answer]] = {
     Ids.ReadRequest_Encoding_DefaultBinary: (ua.ReadParameters, _read),
     Ids.WriteRequest_Encoding_DefaultBinary: (ua.WriteParameters, _write),
+    Ids.HistoryReadRequest_Encoding_DefaultBinary: (ua.HistoryReadParameters, _history_read),
     Ids.BrowseRequest_Encoding_DefaultBinary: (ua.BrowseParameters, _browse),
     Ids.BrowseNextRequest_Encoding_DefaultBinary: (ua.BrowseNextParameters, _browse_next),
     Ids.TranslateBrowsePathsToNodeIdsRequest_Encoding_DefaultBinary: (
@@ -150,5 +157,5 @@ SERVICES: dict[int, tuple[type, Answer]] = {
     Ids.RegisterNodesRequest_Encoding_DefaultBinary: (ua.RegisterNodesParameters, _register_nodes),
     Ids.UnregisterNodesRequest_Encoding_DefaultBinary: (ua.UnregisterNodesParameters, _unregister_nodes),
 }
-"""Request type to its parameters and what answers it. What is not here is BadServiceUnsupported: node management and
-history, which this server does not have, and SetTriggering, Query and Cancel."""
+"""Request type to its parameters and what answers it. What is not here is BadServiceUnsupported: node management
+and changes of history, which this server does not have, and SetTriggering, Query and Cancel."""

@@ -19,8 +19,9 @@ from asyncua.ua.status_codes import StatusCodes as Codes
 from opcua_skill.stack.access import Caller, Identity, Peer, Role, SignedIn, calling_as
 from opcua_skill.stack.browsing import Browser
 from opcua_skill.stack.calls import Refused
-from opcua_skill.stack.reading import narrowed, size_of
+from opcua_skill.stack.reading import narrowed, size_of, stamped
 from opcua_skill.stack.values import node_id, status
+from opcua_skill.stack.writing import write_fault
 
 if TYPE_CHECKING:
     from opcua_skill.stack.internal import SkillInternalServer
@@ -116,8 +117,9 @@ class Session(InternalSession):
         if not self.external:
             return await super().read(params)
         nodes, results, size = self.operations(params.NodesToRead), [], 0
-        if params.MaxAge < 0:
+        if not params.MaxAge >= 0:
             raise ServiceError(Codes.BadMaxAgeInvalid)
+        which = known_timestamps(params.TimestampsToReturn)
         for place, wanted in enumerate(nodes):
             told = self.iserver.aspace.read_attribute_value(wanted.NodeId, wanted.AttributeId)
             if told.Value is not None:
@@ -125,7 +127,7 @@ class Session(InternalSession):
                 size += size_of(told.Value.Value) if told.Value is not None else 0
                 if size > self.iserver.limits.largest_message:
                     raise ServiceError(Codes.BadResponseTooLarge)
-            results.append(told)
+            results.append(stamped(told, which))
             if place % 200 == 199:
                 await asyncio.sleep(0)
         return results
@@ -162,29 +164,35 @@ class Session(InternalSession):
         """Write values: only where the node may be written at all, and by roles that may write it."""
         if not self.external:
             return await super().write(params)
-        self.operations(params.NodesToWrite)
-        role, refused = self.identity.role, status(Codes.BadUserAccessDenied)
-        may = [self.iserver.may_write(item.NodeId, role) for item in params.NodesToWrite]
-        allowed = ua.WriteParameters()
-        allowed.NodesToWrite = [item for item, good in zip(params.NodesToWrite, may, strict=True) if good]
         with calling_as(self.caller):
-            results = iter([await self._write_one(item) for item in allowed.NodesToWrite])
-        return [next(results) if good else refused for good in may]
+            return [await self._write_one(item) for item in self.operations(params.NodesToWrite)]
 
     async def _write_one(self, item: ua.WriteValue) -> ua.StatusCode:
         """Write one value; a variable that commands something is obeyed first, or refused with its own code."""
-        if item.IndexRange:
-            return status(Codes.BadWriteNotSupported)
+        if code := write_fault(self.aspace, item):
+            return status(code)
+        if not self.iserver.may_write(item.NodeId, self.identity.role):
+            return status(Codes.BadUserAccessDenied)
         one = ua.WriteParameters()
         one.NodesToWrite = [item]
         obey = self.iserver.on_write.get(item.NodeId)
-        if obey is not None and item.AttributeId == AttributeIds.Value:
+        if obey is not None:
             try:
                 await obey(item.Value.Value.Value if item.Value.Value is not None else None)
             except Refused as refusal:
                 log.warning("%s refused to write %s: %s", self.caller.name, item.NodeId.to_string(), refusal.reason)
                 return status(refusal.code)
         return (await super().write(one))[0]
+
+    async def history_read(self, params: Any) -> list[ua.HistoryReadResult]:
+        """Return why there is no history of each node: this server keeps none."""
+        results = []
+        for wanted in self.operations(params.NodesToRead):
+            result = ua.HistoryReadResult()
+            known = wanted.NodeId in self.aspace
+            result.StatusCode = status(Codes.BadHistoryOperationUnsupported if known else Codes.BadNodeIdUnknown)
+            results.append(result)
+        return results
 
     async def call(self, params: list[ua.CallMethodRequest]) -> list[ua.CallMethodResult]:
         """Call methods on behalf of this session's user."""
@@ -226,9 +234,15 @@ class Session(InternalSession):
 
     async def set_publishing_mode(self, params: ua.SetPublishingModeParameters) -> list[ua.StatusCode]:
         """Switch own subscriptions on or off."""
+        results = []
         for subscription_id in self.operations(params.SubscriptionIds):
-            self._own(subscription_id)
-        return await super().set_publishing_mode(params)
+            found = self.iserver.subscription_service.subscriptions.get(subscription_id)
+            if found is None or found.session_id != self.session_id:
+                results.append(status(Codes.BadSubscriptionIdInvalid))
+            else:
+                await found.set_publishing_mode(params.PublishingEnabled)
+                results.append(status())
+        return results
 
     async def transfer_subscriptions(  # pyright: ignore[reportIncompatibleMethodOverride]
         self,
@@ -242,10 +256,12 @@ class Session(InternalSession):
             result = ua.TransferResult()
             code = self.iserver.may_transfer(subscription_id, self)
             if not code:
-                subscription = self.subscription_service.subscriptions[subscription_id]
+                subscription = self.iserver.subscription_service.subscriptions[subscription_id]
                 subscription.session_id = self.session_id
                 subscription.pub_result_callback = callback
                 subscription.pub_request_callback = request_callback
+                if params.SendInitialValues:
+                    subscription.monitored_item_srv.tell_again()
                 result.AvailableSequenceNumbers = sorted(subscription._not_acknowledged_results)
             result.StatusCode = status(code)
             results.append(result)
@@ -255,6 +271,7 @@ class Session(InternalSession):
         """Monitor nodes in an own subscription, within the limits."""
         if self.external:
             self._own(params.SubscriptionId)
+            known_timestamps(params.TimestampsToReturn)
             self.operations(params.ItemsToCreate, self.iserver.limits.items_per_subscription)
             self.iserver.subscription_service.admit_items(params.SubscriptionId, len(params.ItemsToCreate))
         return await super().create_monitored_items(params)
@@ -263,21 +280,22 @@ class Session(InternalSession):
         """Change monitored items of an own subscription."""
         self._own(params.SubscriptionId)
         if self.external:
-            self.operations(params.ItemsToModify)
+            known_timestamps(params.TimestampsToReturn)
+            self.operations(params.ItemsToModify, self.iserver.limits.items_per_subscription)
         return await super().modify_monitored_items(params)
 
     async def delete_monitored_items(self, params: Any) -> list[ua.StatusCode]:
         """Delete monitored items of an own subscription."""
         self._own(params.SubscriptionId)
         if self.external:
-            self.operations(params.MonitoredItemIds)
+            self.operations(params.MonitoredItemIds, self.iserver.limits.items_per_subscription)
         return await super().delete_monitored_items(params)
 
     async def set_monitoring_mode(self, params: Any) -> list[ua.StatusCode]:
         """Switch monitored items of an own subscription."""
         self._own(params.SubscriptionId)
         if self.external:
-            self.operations(params.MonitoredItemIds)
+            self.operations(params.MonitoredItemIds, self.iserver.limits.items_per_subscription)
         return await super().set_monitoring_mode(params)
 
     def republish(self, params: ua.RepublishParameters) -> ua.NotificationMessage:
@@ -307,6 +325,17 @@ class Session(InternalSession):
     def idle_for(self) -> float:
         """Return the seconds since the last request."""
         return time.monotonic() - self._last_activity
+
+
+def known_timestamps(which: Any) -> ua.TimestampsToReturn:
+    """Return which timestamps are asked for, or refuse what is not one of the four answers."""
+    try:
+        found = ua.TimestampsToReturn(which)
+    except ValueError:
+        found = ua.TimestampsToReturn.Invalid
+    if found is ua.TimestampsToReturn.Invalid:
+        raise ServiceError(Codes.BadTimestampsToReturnInvalid)
+    return found
 
 
 def internal_user() -> User:

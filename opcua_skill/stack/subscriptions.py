@@ -5,7 +5,8 @@ import logging
 import math
 import struct
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from asyncua import ua
@@ -19,6 +20,7 @@ from asyncua.ua.status_codes import StatusCodes as Codes
 from asyncua.ua.ua_binary import struct_to_binary
 
 from opcua_skill.stack.items import Items
+from opcua_skill.stack.reading import stamped
 from opcua_skill.stack.values import node_id
 
 if TYPE_CHECKING:
@@ -35,20 +37,20 @@ class Encodings:
     """The encodings of the values that are on their way now: the same DataValue is encoded once for all."""
 
     def __init__(self) -> None:
-        self._kept: dict[int, tuple[ua.DataValue, bytes]] = {}
+        self._kept: dict[tuple[int, int], tuple[ua.DataValue, bytes]] = {}
         self._bytes = 0
 
-    def of(self, value: ua.DataValue) -> bytes:
-        """Return the encoding of a value."""
-        found = self._kept.get(id(value))
+    def of(self, value: ua.DataValue, which: ua.TimestampsToReturn) -> bytes:
+        """Return the encoding of a value with the timestamps that are wanted."""
+        found = self._kept.get((id(value), which))
         if found is not None and found[0] is value:
             return found[1]
-        encoded = struct_to_binary(value)
+        encoded = struct_to_binary(stamped(value, which))
         self._bytes += len(encoded) + 200
         if self._bytes > KEPT_BYTES:
             self._kept.clear()
             self._bytes = len(encoded)
-        self._kept[id(value)] = (value, encoded)
+        self._kept[id(value), which] = (value, encoded)
         return encoded
 
 
@@ -93,12 +95,38 @@ class Subscription(InternalSubscription):
         if not self._triggered_datachanges:
             return
         encoding, parts = self._encodings.of, []
-        for queue in self._triggered_datachanges.values():
+        for mid, queue in self._triggered_datachanges.items():
+            which = self.monitored_item_srv.stamps(mid)
             for notification in queue:
-                parts += (_UINT32.pack(notification.ClientHandle), encoding(notification.Value))
+                parts += (_UINT32.pack(notification.ClientHandle), encoding(notification.Value, which))
         body = b"".join((_UINT32.pack(len(parts) // 2), *parts, _NO_DIAGNOSTICS))
         self._triggered_datachanges = {}
         result.NotificationMessage.NotificationData.append(ua.ExtensionObject(TypeId=_DATA_CHANGE, Body=body))  # pyright: ignore[reportArgumentType]
+
+    def has_published_results(self) -> bool:
+        """Return whether there is something to say: values of items that report, or that we are still here."""
+        with self._without_sampling():
+            return super().has_published_results()
+
+    def _pop_publish_result(self) -> ua.PublishResult:
+        with self._without_sampling():
+            return super()._pop_publish_result()
+
+    @contextmanager
+    def _without_sampling(self) -> Iterator[None]:
+        """Set aside what items in mode Sampling have queued: it is told when they report."""
+        silent = self.monitored_item_srv.sampling
+        if not silent:
+            yield
+            return
+        aside = []
+        for queues in (self._triggered_datachanges, self._triggered_events):
+            aside.append({mid: queues.pop(mid) for mid in silent & queues.keys()})
+        try:
+            yield
+        finally:
+            self._triggered_datachanges.update(aside[0])
+            self._triggered_events.update(aside[1])
 
     async def _subscription_loop(self) -> None:
         """Publish at the interval, which the client may change meanwhile."""

@@ -212,7 +212,7 @@ async def test_services_the_server_lacks_are_refused(scene: Scene):
         Ids.QueryFirstRequest_Encoding_DefaultBinary,
         Ids.AddNodesRequest_Encoding_DefaultBinary,
         Ids.DeleteNodesRequest_Encoding_DefaultBinary,
-        Ids.HistoryReadRequest_Encoding_DefaultBinary,
+        Ids.HistoryUpdateRequest_Encoding_DefaultBinary,
     )
     async with scene.attack(), insider(scene) as client:
         for kind in lacking:

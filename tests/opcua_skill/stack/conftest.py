@@ -1,5 +1,4 @@
 from collections.abc import AsyncIterator, Iterator
-from pathlib import Path
 
 import pytest
 import pytest_asyncio
@@ -7,7 +6,7 @@ import pytest_asyncio
 from tests.opcua_skill.stack.small_server import Bench, small_server
 
 
-@pytest_asyncio.fixture(scope="module", loop_scope="module")
+@pytest_asyncio.fixture(scope="package", loop_scope="package")
 async def shared_bench(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Bench]:
     async with small_server(tmp_path_factory.mktemp("bench")) as running:
         yield running
@@ -15,13 +14,6 @@ async def shared_bench(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterato
 
 @pytest.fixture
 def bench(shared_bench: Bench) -> Iterator[Bench]:
-    """One server for all tests of a module, with its records cleared for each."""
+    """One server for all tests of this folder, with its records cleared for each."""
     shared_bench.records.clear()
     yield shared_bench
-
-
-@pytest_asyncio.fixture(loop_scope="module")
-async def own_bench(tmp_path: Path) -> AsyncIterator[Bench]:
-    """A server for one test that breaks or counts things."""
-    async with small_server(tmp_path) as running:
-        yield running

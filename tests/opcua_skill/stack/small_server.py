@@ -22,8 +22,10 @@ from opcua_skill.security import (
     ensure_server_certificate,
     hash_password,
 )
+from opcua_skill.stack import decoding
 from opcua_skill.stack.access import Role, caller
 from opcua_skill.stack.calls import Argument, CallRecord, MethodSpec, Refused, add_method
+from opcua_skill.stack.decoding import install
 from opcua_skill.stack.limits import Limits
 from opcua_skill.stack.server import SkillServer
 
@@ -169,7 +171,7 @@ async def small_server(
 ) -> AsyncIterator[Bench]:
     logging.getLogger("asyncua").setLevel(logging.ERROR)
     shutil.copytree(keys(), folder, dirs_exist_ok=True)
-    users, records = Users(), []
+    users, records, before = Users(), [], decoding._limits
 
     async def on_call(record: CallRecord) -> None:
         records.append(record)
@@ -194,3 +196,4 @@ async def small_server(
     async with server:
         yield Bench(server, folder, index, cell.nodeid, records, users)
     authenticator.close()
+    install(before)  # the decoders' limits are those of the process: another test's server may still run

@@ -12,7 +12,7 @@ from opcua_skill.stack.values import node_id
 from tests.opcua_skill.stack.small_server import Bench
 from tests.opcua_skill.stack.test_events import listen
 
-pytestmark = pytest.mark.asyncio(loop_scope="module")
+pytestmark = pytest.mark.asyncio(loop_scope="package")
 
 
 async def test_a_sign_in_is_recorded_and_then_told(bench: Bench):

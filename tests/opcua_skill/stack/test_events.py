@@ -9,7 +9,7 @@ from asyncua.common.event_objects import BaseEvent, ProgramTransitionEvent
 from opcua_skill.stack.events import make_notifier
 from tests.opcua_skill.stack.small_server import Bench
 
-pytestmark = pytest.mark.asyncio(loop_scope="module")
+pytestmark = pytest.mark.asyncio(loop_scope="package")
 
 
 class Heard:

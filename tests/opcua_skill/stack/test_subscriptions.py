@@ -10,7 +10,7 @@ from asyncua.server.monitored_item_service import WhereClauseEvaluator
 from opcua_skill.stack.limits import Limits
 from tests.opcua_skill.stack.small_server import Bench, small_server, until
 
-pytestmark = pytest.mark.asyncio(loop_scope="module")
+pytestmark = pytest.mark.asyncio(loop_scope="package")
 
 
 class Values:
