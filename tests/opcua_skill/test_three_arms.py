@@ -98,7 +98,8 @@ async def test_the_address_space_tells_the_truth_about_each_arm(name: str, cell:
     assert await session.read(*(f"{place}/{one}" for one in names)) == list(names.values())
     given = await session.read(f"Machines/{name}/Equipment/Dispenser/AtomicSkills")
     assert given == [["Dispense"]]
-    offered = await session.node(f"Machines/{name}/AtomicSkills").get_children()
+    folder = session._client.get_node(session.node(f"Machines/{name}/AtomicSkills"))
+    offered = await folder.get_children()
     assert {str(one.nodeid.Identifier).rsplit("/", 1)[-1] for one in offered} == {"MoveTo", "FollowPath", "Dispense"}
     position, pose = await session.read(f"Machines/{name}/Arm/Position", f"Machines/{name}/Arm/ToolPose")
     assert len(position) == model.dof

@@ -1,0 +1,412 @@
+"""Runs that must not be: each a named refusal or failure, the arm at rest, the server alive.
+
+The first half is refused before anything moves; the second half goes wrong while a paced arm moves.
+"""
+
+import asyncio
+import contextlib
+import os
+import re
+import signal
+import sqlite3
+import time
+from collections.abc import AsyncIterator, Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+import pytest_asyncio
+from small_corner import small_corner
+
+from opcua_skill.client import ArmReading, JobReport, Recipe, Refused, SkillClient, wire
+from opcua_skill.client.workstation import Workstation
+from sim.arms import load
+
+if TYPE_CHECKING:
+    from tests.conftest import Plant
+
+SETTINGS = """
+[[workstations]]
+name = "still"
+driver = "kinematic"
+realtime = false
+
+[[workstations]]
+name = "walled"
+driver = "kinematic"
+realtime = false
+[[workstations.fixtures]]
+name = "clamp 7"
+pose = [0.435, 0.0, 0.15, 0.0, 0.0, 0.0, 1.0]
+size = [0.01, 0.2, 0.1]
+
+[[workstations]]
+name = "paced"
+driver = "pybullet"
+"""
+LIMIT = 90.0
+NAN = float("nan")
+PLACE = re.compile(r"at \d+\.\d\d s, \d+\.\d % of the path")
+HOME = np.array(load("panda").home)
+pytestmark = [pytest.mark.slow, pytest.mark.asyncio(loop_scope="module")]
+
+
+@dataclass(frozen=True)
+class World:
+    """The plant with `corner` deployed everywhere, its recipe, and everybody signed in."""
+
+    plant: "Plant"
+    people: Mapping[str, SkillClient]
+    recipe: Recipe
+
+    @property
+    def mes(self) -> SkillClient:
+        return self.people["mes"]
+
+    @property
+    def paced(self) -> Workstation:
+        return self.mes.workstation("paced")
+
+    async def started(self) -> str:
+        """Start a run on the paced arm; return its job once the arm is well off its start."""
+        job_id = (await self.paced.execute("corner", recipe_id="quick")).job_id
+        async with asyncio.timeout(LIMIT):
+            while np.abs((await self.paced.arm()).position - HOME).max() < 0.05:
+                await asyncio.sleep(0.005)
+        return job_id
+
+    async def ended(self, job_id: str, on: str = "paced") -> JobReport:
+        return await self.mes.follow(job_id, on=on, limit=LIMIT)
+
+    async def at_rest(self) -> ArmReading:
+        async with asyncio.timeout(LIMIT):
+            while not (reading := await self.paced.arm()).at_rest or reading.mode in ("running", "stopping"):
+                await asyncio.sleep(0.01)
+        return reading
+
+    async def still_serves(self) -> None:
+        """Show that other clients are served and that the next job runs, from wherever the arm stands."""
+        assert [skill.name for skill in await self.people["visitor"].find_skills()] == ["corner"]
+        report = await self.ended((await self.paced.execute("corner", recipe_id="quick")).job_id)
+        assert (report.state, report.failure) == ("Completed", "None"), report
+
+
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def world(make_plant: Callable[..., "Plant"]) -> AsyncIterator[World]:
+    plant = await asyncio.to_thread(make_plant, SETTINGS)
+    async with contextlib.AsyncExitStack() as stack:
+        names = ("teacher", "engineer", "mes", "visitor")
+        people = {name: await stack.enter_async_context(plant.sign_in(name)) for name in names}
+        await people["teacher"].learn_to_the_end("corner", small_corner(), semantic_type="Gluing")
+        engineer = people["engineer"]
+        await engineer.approve("corner", 1, (await engineer.skill("corner")).model_digest)
+        for station in ("still", "walled", "paced"):
+            await engineer.deploy("corner", 1, station)
+        [recipe] = await engineer.recipes("corner")
+        low = {"approach_height": 0.02, "retract_height": 0.02}
+        await engineer.put_recipe(replace(recipe, recipe_id="quick", timing="time_optimal", **low))
+        yield World(plant, people, recipe)
+
+
+def turned(x: float, y: float, z: float, degrees: float) -> tuple[float, ...]:
+    """Return a frame that is turned about the vertical."""
+    half = np.radians(degrees) / 2.0
+    return (x, y, z, 0.0, 0.0, float(np.sin(half)), float(np.cos(half)))
+
+
+NOT_STORED: dict[str, dict[str, Any]] = {
+    "NaN in the frame": {"frame": (0.4, NAN, 0.1, 0.0, 0.0, 0.0, 1.0)},
+    "NaN in the quaternion": {"frame": (0.4, 0.0, 0.1, NAN, 0.0, 0.0, 1.0)},
+    "a quaternion of zero": {"frame": (0.4, 0.0, 0.1, 0.0, 0.0, 0.0, 0.0)},
+    "a quaternion of length 2": {"frame": (0.4, 0.0, 0.1, 0.0, 0.0, 0.0, 2.0)},
+    "a time step of 0": {"time_step": 0.0},
+    "a time step of 1 s": {"time_step": 1.0},
+    "a time step below 1 ms": {"time_step": 0.0009},
+    "a time step above 20 ms": {"time_step": 0.0201},
+    "a negative time step": {"time_step": -0.008},
+    "a negative speed": {"timing": "constant_speed", "speed": -0.05},
+    "a constant speed of 0": {"timing": "constant_speed", "speed": 0.0},
+    "an infinite speed": {"timing": "constant_speed", "speed": float("inf")},
+    "a negative duration": {"duration": -1.0},
+    "an override of 0": {"speed_override": 0.0},
+    "an override of 200 %": {"speed_override": 2.0},
+    "a negative override": {"speed_override": -0.5},
+    "a standoff below the part": {"standoff": -0.001},
+    "a largest deviation of NaN": {"max_deviation": NAN},
+    "corners in a word of its own": {"parameters": {"Corners": "somehow"}},
+    "a blend radius of a metre": {"parameters": {"BlendRadius": 1.0}},
+    "a parameter nobody knows": {"parameters": {"Presure": 2.0}},
+}
+
+
+@pytest.mark.parametrize("case", NOT_STORED)
+async def test_a_recipe_that_makes_no_sense_is_not_stored(case: str, world: World) -> None:
+    before = await asyncio.to_thread(world.plant.counts)
+    bad = replace(world.recipe, recipe_id="bad", **NOT_STORED[case])
+    with pytest.raises(Refused) as refused:
+        await world.people["engineer"].put_recipe(bad)
+    assert (refused.value.status, refused.value.argument) == ("BadInvalidArgument", "Recipe")
+    assert refused.value.argument_status == "BadOutOfRange"
+    *_, (field, value) = NOT_STORED[case].items()
+    named = next(iter(value)) if isinstance(value, dict) else field
+    assert named in refused.value.reason, "the reason has to name the field"
+    assert await asyncio.to_thread(world.plant.counts) == before
+
+
+@dataclass(frozen=True)
+class Impossible:
+    """A recipe that can be stored and cannot be run: where, with what failure, and what its report has to say."""
+
+    changes: Mapping[str, Any]
+    failures: frozenset[str]
+    says: str
+    station: str = "still"
+    placed: bool = True
+
+
+REACH = frozenset({"NoIkSolution", "WorkspaceLimit"})
+IMPOSSIBLE = {
+    "a plate out of reach": Impossible({"frame": (0.83, 0.0, 0.1, 0.0, 0.0, 0.0, 1.0)}, REACH, r"by up to \d+\.\d mm"),
+    "a plate behind the arm's base": Impossible({"frame": (2.5, 0.0, 0.1, 0.0, 0.0, 0.0, 1.0)}, REACH, r"\d mm"),
+    "a joint at its limit half-way": Impossible(
+        {"frame": turned(0.3, 0.0, 0.05, 135.0)}, frozenset({"JointLimit"}), r"joint 4 .* by up to \d+\.\d\d degrees"
+    ),
+    "a corner at an impossible speed": Impossible(
+        {"timing": "constant_speed", "speed": 0.5, "parameters": {"Corners": "refuse"}},
+        frozenset({"SpeedLimit"}),
+        r"mm/s",
+    ),
+    "a duration nothing can keep": Impossible(
+        {"duration": 0.05}, frozenset({"SpeedLimit"}), r"needs at least \d\.\d+ s", placed=False
+    ),
+    "a fixture in the way": Impossible({}, frozenset({"Collision"}), "clamp 7", "walled", placed=False),
+    "a run of more samples than can be checked": Impossible(
+        {"duration": 3600.0, "time_step": 0.001}, frozenset({"ParameterInvalid"}), "at most 500000", placed=False
+    ),
+    "a crawl that never ends": Impossible(
+        {"timing": "constant_speed", "speed": 1e-9}, frozenset({"ParameterInvalid"}), "time steps", placed=False
+    ),
+}
+
+
+@pytest.mark.parametrize("case", IMPOSSIBLE)
+@pytest.mark.parametrize("mode", ["production", "simulation"])
+async def test_a_run_that_cannot_be_is_refused_with_place_and_size_in_its_report(
+    case: str, mode: Any, world: World
+) -> None:
+    given = IMPOSSIBLE[case]
+    await world.people["engineer"].put_recipe(replace(world.recipe, recipe_id="impossible", **given.changes))
+    station = world.people["teacher" if mode == "simulation" else "mes"].workstation(given.station)
+    before, arm = await asyncio.to_thread(world.plant.counts), await station.arm()
+    with pytest.raises(Refused) as refused:
+        await station.execute("corner", recipe_id="impossible", mode=mode)
+    assert refused.value.status == "BadOutOfRange", refused.value
+    newest = (await station.jobs(limit=1))[0]
+    assert (newest.state, newest.recipe_id, newest.mode) == ("Failed", "impossible", mode)
+    assert newest.failure in given.failures, newest
+    assert re.search(given.says, newest.message), newest.message
+    assert PLACE.search(newest.message) or not given.placed, newest.message
+    assert newest.start_time is None, "it never ran"
+    after = await asyncio.to_thread(world.plant.counts)
+    assert after == {**before, "jobs": before["jobs"] + 1}
+    assert np.array_equal((await station.arm()).position, arm.position)
+
+
+async def test_a_corner_too_fast_is_slowed_down_visibly_unless_that_is_refused(world: World) -> None:
+    fast = {"timing": "constant_speed", "speed": 0.15}
+    await world.people["engineer"].put_recipe(replace(world.recipe, recipe_id="fast", **fast))
+    station = world.mes.workstation("still")
+    report = await world.ended((await station.execute("corner", recipe_id="fast")).job_id, "still")
+    assert report.state == "Completed"
+    assert re.search(r"\d mm/s", report.message), report.message
+    assert PLACE.search(report.message)
+
+
+@pytest.mark.parametrize("fraction", [0.0, 2.0, -0.5, NAN, float("inf")])
+async def test_an_override_that_is_none_is_refused(fraction: float, world: World) -> None:
+    with pytest.raises(Refused) as refused:
+        await world.paced.set_speed_override(fraction)
+    assert refused.value.status == "BadOutOfRange"
+    assert (await world.paced.arm()).speed_override == 1.0
+
+
+async def test_two_runs_at_once_are_one_after_the_other(world: World) -> None:
+    first, second = [await world.paced.execute("corner", recipe_id="quick") for _ in range(2)]
+    assert second.state == "Queued"
+    reports = [await world.ended(one.job_id) for one in (first, second)]
+    assert [report.state for report in reports] == ["Completed", "Completed"]
+    assert reports[0].end_time <= reports[1].start_time  # pyright: ignore[reportOptionalOperand]
+
+
+async def test_an_abort_during_the_approach_leaves_the_arm_at_rest_and_the_next_job_goes_home_first(
+    world: World,
+) -> None:
+    job_id = await world.started()
+    assert await world.paced.abort(job_id, "hand in the cell") == "Stopping"
+    report = await world.ended(job_id)
+    assert (report.state, report.failure, report.message) == ("Aborted", "Aborted", "hand in the cell")
+    rest = await world.at_rest()
+    assert rest.mode == "idle"
+    trace = await world.paced.trace(job_id)
+    assert trace.measured[:, 2].min() > world.recipe.frame[2] + world.recipe.standoff + 1e-3, "it was at the part"
+    assert np.abs(rest.position - HOME).max() > 0.02
+    await world.still_serves()
+
+
+async def test_an_arm_that_is_not_at_its_start_runs_nothing_until_somebody_sends_it_home(world: World) -> None:
+    job_id = await world.started()
+    await world.paced.protective_stop("light curtain")
+    report = await world.ended(job_id)
+    assert (report.state, report.failure, report.message) == ("Aborted", "ProtectiveStop", "light curtain")
+    with pytest.raises(Refused) as refused:
+        await world.paced.execute("corner", recipe_id="quick")
+    assert refused.value.status == "BadInvalidState"
+    await world.paced.reset("curtain is clear")
+    before = (await world.at_rest()).position
+    report = await world.ended((await world.paced.execute("corner", recipe_id="quick")).job_id)
+    assert (report.state, report.failure) == ("Failed", "ParameterInvalid")
+    assert "move it home" in report.message
+    assert np.array_equal((await world.paced.arm()).position, before), "it moved without having been looked at"
+    await world.paced.go_home()
+    async with asyncio.timeout(LIMIT):
+        while np.abs((await world.paced.arm()).position - HOME).max() > 2e-3:
+            await asyncio.sleep(0.05)
+    await world.at_rest()
+    await world.still_serves()
+
+
+def simulation_of(plant: "Plant") -> int:
+    """Return the process of the plant's PyBullet arm."""
+    assert plant.process is not None
+    found = []
+    for entry in Path("/proc").iterdir():
+        with contextlib.suppress(OSError):
+            if entry.name.isdigit() and b"pybullet_worker" in (entry / "cmdline").read_bytes():
+                parent = (entry / "stat").read_text().rsplit(")", 1)[1].split()[1]
+                if int(parent) == plant.process.pid:
+                    found.append(int(entry.name))
+    [process] = found
+    return process
+
+
+async def test_a_simulation_killed_in_mid_motion_fails_its_job_within_a_second(world: World) -> None:
+    process = await asyncio.to_thread(simulation_of, world.plant)
+    job_id = await world.started()
+    os.kill(process, signal.SIGKILL)
+    died = time.monotonic()
+    while (report := await world.paced.job(job_id)).state == "Running":
+        assert time.monotonic() - died < 1.0, "a second after its death the job still runs"
+        await asyncio.sleep(0.01)
+    assert (report.state, report.failure) == ("Failed", "Interrupted"), report
+    visitor = world.people["visitor"]
+    async with asyncio.timeout(LIMIT):
+        while (await visitor.session.read("Machines/paced/Arm/Known"))[0]:
+            await asyncio.sleep(0.01)
+    reading = await visitor.workstation("paced").arm()
+    assert (reading.mode, reading.at_rest) == ("fault", True)
+    assert reading.fault
+    with pytest.raises(Refused) as refused:
+        await world.paced.execute("corner", recipe_id="quick")
+    assert refused.value.status == "BadInvalidState"
+    still = world.mes.workstation("still")
+    assert (await world.ended((await still.execute("corner")).job_id, "still")).state == "Completed"
+    await world.paced.reset("looked at it")
+    async with asyncio.timeout(LIMIT):
+        while not (await visitor.session.read("Machines/paced/Arm/Known"))[0]:
+            await asyncio.sleep(0.01)
+    await world.still_serves()
+
+
+async def test_a_locked_database_does_not_keep_the_arm_from_stopping(world: World) -> None:
+    job_id = await world.started()
+    with contextlib.closing(sqlite3.connect(world.plant.database, isolation_level=None, timeout=20.0)) as other:
+        other.execute("BEGIN IMMEDIATE")
+        aborting = asyncio.create_task(world.paced.abort(job_id, "stop"))
+        watching = world.people["visitor"].workstation("paced")
+        asked = time.monotonic()
+        while not (await watching.arm()).at_rest:
+            assert time.monotonic() - asked < 3.0, "the arm still moves while the database is locked"
+            await asyncio.sleep(0.01)
+        assert (await watching.job(job_id)).state == "Running", "told before it was written"
+        other.execute("ROLLBACK")
+    assert await aborting == "Stopping"
+    assert (await world.ended(job_id)).state == "Aborted"
+
+
+async def test_a_job_whose_skill_was_withdrawn_while_it_waited_does_not_run(world: World) -> None:
+    engineer = world.people["engineer"]
+    first, second = [await world.paced.execute("corner", recipe_id="quick") for _ in range(2)]
+    await engineer.withdraw("corner", 1, "paced")
+    try:
+        report = await world.ended(second.job_id)
+        assert (report.state, report.failure, report.start_time) == ("Failed", "NotDeployed", None)
+        assert (await world.ended(first.job_id)).state == "Completed"
+    finally:
+        await engineer.deploy("corner", 1, "paced")
+
+
+DAMAGE = {
+    "a recipe": (
+        "UPDATE recipes SET content = '{'",
+        "SkillLibrary",
+        "GetRecipe",
+        lambda w: {"RecipeId": "corner-default"},
+    ),
+    "the recipes": (
+        "UPDATE recipes SET content = '{}'",
+        "SkillLibrary",
+        "ListRecipes",
+        lambda w: {"SkillName": "corner"},
+    ),
+    "a job": ("UPDATE jobs SET report = '[]'", "Machines/still", "ListJobs", None),
+}
+
+
+@pytest.mark.parametrize("case", DAMAGE)
+async def test_a_stored_row_that_cannot_be_read_is_a_fault_inside_with_an_id_in_the_log(
+    case: str, world: World
+) -> None:
+    statement, place, method, given = DAMAGE[case]
+    table = statement.split()[1]
+    arguments = (
+        {name: wire.string(value) for name, value in given(world).items()}
+        if given
+        else {
+            "State": wire.string(""),
+            "Limit": wire.uint32(1),
+        }
+    )
+    with contextlib.closing(sqlite3.connect(world.plant.database, timeout=20.0)) as other:
+        other.execute(f"CREATE TABLE kept AS SELECT * FROM {table}")
+        other.execute(statement)
+        other.commit()
+        try:
+            with pytest.raises(Refused) as refused:
+                await world.mes.session.call(place, method, **arguments)
+        finally:
+            column = statement.split()[3]
+            key = {"recipes": "recipe_id", "jobs": "job_id"}[table]
+            other.execute(f"UPDATE {table} SET {column} = (SELECT {column} FROM kept WHERE kept.{key} = {table}.{key})")
+            other.execute("DROP TABLE kept")
+            other.commit()
+    assert refused.value.status == "BadInternalError"
+    ids = re.findall(r"\b[0-9a-f]{6,}\b", refused.value.reason)
+    log = await asyncio.to_thread(world.plant.log)
+    assert ids, refused.value.reason
+    assert any(found in log for found in ids)
+    assert "Damaged" in log
+
+
+async def test_a_server_stopped_while_the_arm_moves_ends_well_and_its_jobs_say_so(world: World) -> None:
+    running = await world.started()
+    waiting = (await world.paced.execute("corner", recipe_id="quick")).job_id
+    await asyncio.to_thread(world.plant.stop)
+    with contextlib.closing(sqlite3.connect(world.plant.database)) as other:
+        ends = dict(other.execute("SELECT job_id, state || ' ' || report FROM jobs").fetchall())
+    for job_id in (running, waiting):
+        assert ends[job_id].startswith("Failed")
+        assert "Interrupted" in ends[job_id]
+        assert "the server stopped" in ends[job_id]
+    assert "Traceback" not in (await asyncio.to_thread(world.plant.log)).split("stopping")[-1]
