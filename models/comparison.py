@@ -56,9 +56,8 @@ class Distance:
 
 def distance(path: Floats, other: Floats) -> Distance:
     """Return how far a path (n, d), at even phases, lies from another one (m, d)."""
-    other = resampled(other, PATH_POINTS)
     there, _ = _to_polyline(path, other)
-    back, nearest = _to_polyline(other, path)
+    back, nearest = _to_polyline(resampled(other, PATH_POINTS), path)
     worst = int(there.argmax()) if there.max() >= back.max() else int(nearest[int(back.argmax())])
     return Distance(
         rms=float(np.sqrt(0.5 * ((there * there).mean() + (back * back).mean()))),

@@ -10,7 +10,7 @@ import numpy as np
 
 from models.demonstration import Demonstration, Edits
 from opcua_skill.client import wire
-from opcua_skill.client.errors import TookTooLong
+from opcua_skill.client.errors import Refused, TookTooLong
 from opcua_skill.client.session import Event, Session
 from opcua_skill.client.values import (
     AuditEntry,
@@ -28,6 +28,7 @@ from opcua_skill.client.workstation import Workstation, ask_report
 
 LIBRARY = "SkillLibrary"
 POLL = 0.5
+SMALL_MESSAGE = 1_000_000
 OnProgress = Callable[[JobReport], None]
 
 
@@ -67,7 +68,7 @@ class SkillClient:
 
     async def limits(self) -> Limits:
         """Return what one call may bring."""
-        names = ("MaxDemonstrations", "MaxPointsPerDemonstration", "MaxQueuedJobs")
+        names = ("MaxDemonstrations", "MaxPointsPerDemonstration", "MaxQueuedJobs", "MaxMessageSize")
         values = await self.session.read(*(f"{LIBRARY}/Limits/{name}" for name in names))
         return Limits(*(int(value) for value in values))
 
@@ -80,6 +81,7 @@ class SkillClient:
         options: LearningOptions | None = None,
     ) -> Learned:
         """Send demonstrations. Comes back when the skill is stored, or after 1 s while the job still runs."""
+        await self._check_size(demonstrations)
         job_id, state, version, results, report = await self.session.call(
             LIBRARY,
             "LearnFromDemonstration",
@@ -91,6 +93,25 @@ class SkillClient:
             Options=wire.structure(wire.options_out(self.session.structure, options or LearningOptions())),
         )
         return Learned(job_id, state, int(version), tuple(code.name for code in results or ()), wire.document(report))
+
+    async def _check_size(self, demonstrations: Sequence[Demonstration]) -> None:
+        """Refuse what no message of this server can hold: sent all the same, it would cost the connection."""
+        size = sum(wire.size_of(one) for one in demonstrations)
+        if size < SMALL_MESSAGE:
+            return
+        limits = await self.limits()
+        longest = max(len(one.times) for one in demonstrations)
+        if longest > limits.max_points_per_demonstration:
+            most = limits.max_points_per_demonstration
+            reason = f"a demonstration has {longest} samples, {most} are allowed: record fewer a second"
+        elif size > limits.max_message_size:
+            reason = (
+                f"these demonstrations make a message of {size / 1e6:.0f} MB, the server takes "
+                f"{limits.max_message_size / 1e6:.0f} MB: send fewer of them, or record fewer samples a second"
+            )
+        else:
+            return
+        raise Refused("LearnFromDemonstration", "BadRequestTooLarge", "Demonstrations", reason)
 
     async def learn_to_the_end(
         self,

@@ -234,8 +234,9 @@ class AuditEntry:
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """The library's limits, as a client can read them before it sends."""
+    """The library's limits, as a client can read them before it sends; ``max_message_size`` is a call's, in bytes."""
 
     max_demonstrations: int
     max_points_per_demonstration: int
     max_queued_jobs: int
+    max_message_size: int

@@ -89,6 +89,13 @@ def demonstration_out(structures: Structures, value: Demonstration) -> Any:
     return structures("PoseDemonstrationDataType")(**fields, Orientations=orientations)
 
 
+def size_of(value: Demonstration) -> int:
+    """Return about how many bytes a demonstration takes in a message, rather too many than too few."""
+    turned = 0 if value.orientations is None else value.orientations.size
+    numbers = value.times.size + value.points.size + turned
+    return 8 * numbers + np.size(value.triggers) + 8 * (len(value.demonstration_id) + len(value.operator)) + 1000
+
+
 def demonstration_in(value: Any) -> Demonstration:
     """Return the `Demonstration` in a `DemonstrationDataType` or a subtype of it."""
     turned = getattr(value, "Orientations", None)

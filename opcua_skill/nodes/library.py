@@ -165,8 +165,8 @@ def specs(tree: Tree, methods: LibraryMethods) -> tuple[MethodSpec, ...]:
     )
 
 
-async def add_library(tree: Tree, methods: LibraryMethods, limits: Limits) -> None:
-    """Add the library to the Objects folder."""
+async def add_library(tree: Tree, methods: LibraryMethods, limits: Limits, largest_message: int) -> None:
+    """Add the library to the Objects folder; ``largest_message`` is what the server takes in one call, in bytes."""
     library = tree.object(
         PATH,
         standard(ObjectIds.ObjectsFolder),
@@ -183,5 +183,6 @@ async def add_library(tree: Tree, methods: LibraryMethods, limits: Limits) -> No
         ("MaxDemonstrations", limits.max_demonstrations),
         ("MaxPointsPerDemonstration", limits.max_points_per_demonstration),
         ("MaxQueuedJobs", limits.max_queued_jobs),
+        ("MaxMessageSize", largest_message),
     ):
         tree.property(f"{PATH}/Limits/{name}", bounds, count(value))
