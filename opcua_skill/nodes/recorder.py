@@ -72,7 +72,7 @@ def specs(tree: Tree, methods: RecorderMethods) -> tuple[MethodSpec, ...]:
                 Argument("DemonstrationIds", STRING, 1),
                 Argument("First", UINT32, 1, "sample each begins with"),
                 Argument("Last", UINT32, 1, "sample each ends with"),
-                Argument("GoesOn", BOOLEAN, description="whether the last one is being shown now"),
+                Argument("Pressed", BOOLEAN, description="whether the last one is being shown now"),
             ),
             changes=False,
         ),
