@@ -15,7 +15,6 @@ from models.learning import learn
 from models.people import simulated_people
 from sim import arms
 from sim.checks import MotionRefused
-from sim.clearance import Box, Cell
 from sim.kinematics import kinematics
 from sim.plan import MotionOrder, MotionPlan, plan_home, plan_motion
 
@@ -172,64 +171,9 @@ def test_a_plans_arrays_cannot_be_written(planned):
         planned().joints[0, 0] = 1.0
 
 
-BAD_ORDERS = [
-    (MotionOrder(time_step=0.0), "ParameterInvalid", "time step is 0.0 s"),
-    (MotionOrder(time_step=1.0), "ParameterInvalid", "from 0.001 s to 0.020 s"),
-    (MotionOrder(time_step=math.nan), "ParameterInvalid", "time step is nan s"),
-    (MotionOrder(speed=-0.05), "ParameterInvalid", "speed is -0.05"),
-    (MotionOrder(timing="constant_speed"), "ParameterInvalid", "more than 0 m/s"),
-    (MotionOrder(timing="soon"), "ParameterInvalid", "timing is 'soon'"),  # pyright: ignore[reportArgumentType]
-    (MotionOrder(duration=-1.0), "ParameterInvalid", "duration is -1.0"),
-    (MotionOrder(speed_override=0.0), "ParameterInvalid", "speed override is 0.0"),
-    (MotionOrder(speed_override=2.0), "ParameterInvalid", "speed override is 2.0"),
-    (MotionOrder(frame=(math.nan, 0, 0.1, 0, 0, 0, 1)), "ParameterInvalid", "seven finite numbers"),
-    (MotionOrder(frame=(0.42, 0, 0.1, 0, 0, 0, 0)), "ParameterInvalid", "quaternion is of length 0"),
-    (MotionOrder(frame=(0.42, 0, 0.1, 0, 0, 1)), "ParameterInvalid", "seven finite numbers"),  # pyright: ignore[reportArgumentType]
-    (MotionOrder(standoff=-0.001), "ParameterInvalid", "standoff is -0.001"),
-    (MotionOrder(approach_height=5.0), "ParameterInvalid", "approach height is 5.0"),
-    (MotionOrder(frame=(0.9, 0, 0.1, 0, 0, 0, 1)), "NoIkSolution", "mm"),
-    (MotionOrder(frame=(0.42, 0.44, 0.1, 0, 0, 0, 1)), "WorkspaceLimit", "x 420.0 y 450"),
-    (MotionOrder(timing="constant_speed", speed=0.2, corners="refuse"), "SpeedLimit", "a corner allows"),
-    (MotionOrder(timing="constant_speed", speed=0.9), "SpeedLimit", "500 mm/s at most"),
-    (MotionOrder(duration=0.2), "SpeedLimit", "cannot be run in 0.2 s"),
-    (
-        MotionOrder(timing="constant_speed", speed=0.06, time_step=0.02, chord_tolerance=2e-5),
-        "ParameterInvalid",
-        "at most",
-    ),
-]
-
-
-@pytest.mark.parametrize(("order", "failure", "words"), BAD_ORDERS, ids=[words for _, _, words in BAD_ORDERS])
-def test_what_cannot_be_run_is_refused_by_name_with_the_reason(order, failure, words):
-    error = refused(order)
-    assert error.failure == failure
-    assert words in str(error)
-
-
 def test_a_part_upside_down_is_refused():
     error = refused(MotionOrder(frame=(0.42, 0, 0.1, 1, 0, 0, 0)))
     assert error.failure in {"NoIkSolution", "JointLimit", "Singularity", "Collision"}
-
-
-def test_an_unreachable_plate_is_refused_with_the_point_and_the_miss():
-    error = refused(MotionOrder(frame=(0.9, 0, 0.1, 0, 0, 0, 1)))
-    assert "(point 0)" in str(error)
-    assert error.findings[0].size == pytest.approx(150.0, abs=100.0)
-    assert error.findings[0].unit == "mm"
-
-
-def test_a_joint_limit_half_way_names_joint_and_place(panda):
-    upper = list(panda.limits.upper)
-    reaching = plan_motion(DrawnMotion(), MotionOrder(time_step=0.008), panda)
-    joint = 5
-    upper[joint] = float(np.median(reaching.joints[on_path(reaching), joint]))
-    narrow = replace(panda, limits=replace(panda.limits, upper=tuple(upper)))
-    with pytest.raises(MotionRefused) as caught:
-        plan_motion(DrawnMotion(), MotionOrder(time_step=0.008), narrow)
-    assert caught.value.failure == "JointLimit"
-    assert f"joint {joint + 1}" in str(caught.value)
-    assert 0.0 <= caught.value.findings[0].phase < 1.0
 
 
 def test_a_sharp_corner_at_constant_speed_is_refused():
@@ -251,18 +195,6 @@ def test_a_time_step_that_is_too_long_is_refused_with_the_longest_that_is_not():
     assert error.failure == "ParameterInvalid"
     assert "at most 13 ms" in str(error)
     plan_motion(DrawnMotion(radius=0.001), replace(order, time_step=0.0125), arms.load())
-
-
-def test_a_fixture_in_the_way_is_refused_and_one_beside_it_is_not():
-    def wall(y):
-        return Cell((Box("clamp", (0.44, y, 0.16, 0.0, 0.0, 0.0, 1.0), (0.02, 0.02, 0.10)),))
-
-    error = refused(MotionOrder(), cell=wall(0.04))
-    assert error.failure == "Collision"
-    assert "the clamp" in str(error)
-    assert error.findings[0].size > 0.0
-    plan = plan_motion(DrawnMotion(), MotionOrder(), arms.load(), cell=wall(0.3))
-    assert plan.report["smallest_clearance"] > 0.005
 
 
 def test_a_motion_that_stands_still_is_refused(panda):
