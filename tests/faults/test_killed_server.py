@@ -10,15 +10,15 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import pytest
+from small_corner import small_corner
 
-from models.people import simulated_people
 from opcua_skill.client import ClientError, SkillClient
 
 if TYPE_CHECKING:
     from tests.conftest import Plant
 
 KILLS = 20
-PEOPLE = simulated_people(6)[0]
+PEOPLE = small_corner()
 LIMIT = 120.0
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 

@@ -12,9 +12,9 @@ import pytest
 import pytest_asyncio
 from asyncua import Client, ua
 from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
+from small_corner import small_corner
 
 from library.store import SkillLibrary
-from models.people import simulated_people
 from opcua_skill.nodes import nodesets
 from opcua_skill.security import TrustList, ensure_client_certificate, hash_password
 from opcua_skill.server import SkillServerApp
@@ -95,7 +95,7 @@ async def foreign(app: SkillServerApp) -> AsyncIterator[Foreign]:
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
 async def learned(foreign: Foreign) -> dict[str, Any]:
     """A skill learned, approved and deployed through the client; its description."""
-    people, _ = simulated_people(5, seed=3)
+    people = small_corner(5)
     demonstrations = [
         ua.DemonstrationDataType(  # type: ignore[attr-defined]
             DemonstrationId=one.demonstration_id,

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 from scripted_arm import ScriptedArm
+from small_corner import small_corner
 
 from library.description import Failure, JobReport, JobState, Recipe, SkillDescription
 from library.store import SkillLibrary
 from models.demonstration import Edits
 from models.options import LearningOptions
-from models.people import simulated_people
 from opcua_skill.jobs import (
     ArmNotReady,
     JobEngine,
@@ -26,7 +26,7 @@ from opcua_skill.jobs import (
 from opcua_skill.settings import Equipment, Learning, Limits, Settings, Workstation
 
 LIMIT = 60.0
-PEOPLE, _ = simulated_people(4, seed=11)
+PEOPLE = small_corner(4)
 GRIPPER = Equipment(name="Gripper", atomic_skills=("Grip",))
 
 

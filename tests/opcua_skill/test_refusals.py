@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 import pytest_asyncio
 from asyncua import ua
+from small_corner import small_corner
 
 from models.demonstration import Demonstration
-from models.people import simulated_people
 from opcua_skill.client import LearningOptions, Recipe, Refused, Session, SkillClient, wire
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ max_demonstrations = 40
 max_points_per_demonstration = 5000
 max_queued_jobs = 3
 """
-PEOPLE = simulated_people(5)[0]
+PEOPLE = small_corner(5)
 LIBRARY = "SkillLibrary"
 WS1 = "Machines/ws1"
 NAN, INFINITY = float("nan"), float("inf")
@@ -95,7 +95,7 @@ async def prepare(plant: "Plant") -> World:
         [recipe] = await engineer.recipes("plate")
         await engineer.put_recipe(replace(recipe, recipe_id="far", frame=(2.5, 0.0, 0.1, 0.0, 0.0, 0.0, 1.0)))
         await engineer.put_recipe(replace(recipe, recipe_id="fast", duration=0.2))
-        await engineer.put_recipe(replace(recipe, recipe_id="long", duration=120.0))
+        await engineer.put_recipe(replace(recipe, recipe_id="long", duration=60.0, time_step=0.02))
     return World(plant, skill.model_digest, own.model_digest, started.job_id, recipe)
 
 
