@@ -154,7 +154,8 @@ class SkillServerApp:
         skills = await add_workstation(self._tree, settings, station.model, methods)
         await add_homing(self._tree, name, HomingMethods(self.jobs, station, lock))
         await self._show_deployed(name, skills)
-        recorder = await add_recorder(self._tree, RecorderMethods(name, self._methods, self.settings.limits))
+        recording = RecorderMethods(name, self._methods, self.settings.limits, self.server.iserver.is_connected)
+        recorder = await add_recorder(self._tree, recording)
         self._faces[name] = _Face(station, lock, skills, recorder)
 
         async def set_override(value: Any) -> None:

@@ -49,6 +49,7 @@ class RecorderMethods:
     workstation: str
     library: LibraryMethods
     limits: Limits
+    is_connected: Callable[[str], bool]
     clock: Callable[[], float] = time.monotonic
     button: bool | None = None
     _kept: dict[str, _Kept] = field(default_factory=dict)
@@ -97,6 +98,8 @@ class RecorderMethods:
         check_text(source, "Source", MAX_TEXT)
         self.forget_old()
         for kept in self._kept.values():
+            if kept.recording.is_open and not self.is_connected(kept.session_id):
+                self.session_closed(kept.session_id)
             if kept.recording.is_open:
                 remedy = f"finish or discard recording {kept.recording.recording_id} first"
                 raise NotAllowedInState(f"the recorder of {self.workstation}", f"recording for {kept.user}", remedy)
@@ -127,7 +130,7 @@ class RecorderMethods:
         if kept.session_id != caller().session_id:
             raise NotAllowedInState(f"recording {recording_id}", f"fed by {kept.user}", "start one of your own")
         count = len(times)
-        if count > ONE_APPEND:
+        if max(count, len(positions) // 3, len(orientations) // 4) > ONE_APPEND:
             raise Refused(Code.BadRequestTooLarge, f"{count} samples were sent, {ONE_APPEND} are allowed in one append")
         if recording.samples + count > ALL_SAMPLES:
             reason = f"a recording holds {ALL_SAMPLES} samples: finish it and start another one"

@@ -125,6 +125,11 @@ class SkillInternalServer(InternalServer):
                 return session.identity
         return None
 
+    def is_connected(self, session_id: str) -> bool:
+        """Return whether a session has a connection now; one that lost it may still come back for a while."""
+        named = (s for s in self._external_sessions.values() if s.session_id.to_string() == session_id)
+        return any(isinstance(session, Session) and _connected(session) for session in named)
+
     def may_transfer(self, subscription_id: int, to: Session) -> int:
         """Return 0 if a session may take a subscription over from another of the same user and client, or why not."""
         subscription = self.subscription_service.subscriptions.get(subscription_id)

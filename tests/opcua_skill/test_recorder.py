@@ -224,6 +224,32 @@ async def test_a_lost_session_closes_its_recording_and_loses_nothing(
     await recorder.discard(another)
 
 
+async def test_a_gateway_that_died_is_in_nobodys_way(plant: "Plant", recorder: Recorder) -> None:
+    gateway = plant.sign_in("teacher")
+    await gateway.session.open()
+    mine = gateway.workstation("ws1").recorder
+    lost = await mine.start(2, "Ada")
+    await mine.append(lost, np.arange(100) / 100, np.zeros((100, 2)))
+    protocol = gateway.session._client.uaclient.protocol
+    assert protocol is not None
+    assert protocol.transport is not None
+    protocol.transport.abort()
+
+    async def begun() -> bool:
+        try:
+            await recorder.start(2)
+        except Refused as refused:
+            assert refused.status == "BadInvalidState"
+            return False
+        return True
+
+    await until(begun)
+    assert (await recorder.recording()).samples == 0
+    [kept] = await recorder.finish(lost)
+    assert len(kept.times) == 100
+    await gateway.session.close()
+
+
 async def test_workstations_record_apart(people: dict[str, SkillClient], recorder: Recorder) -> None:
     other = people["engineer"].workstation("ws2").recorder
     mine, theirs = await recorder.start(2), await other.start(3)
