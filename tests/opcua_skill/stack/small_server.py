@@ -165,6 +165,21 @@ async def _nothing() -> tuple[()]:
     return ()
 
 
+async def add_cell(server: SkillServer) -> tuple[int, ua.NodeId]:
+    """Add an object with the methods above and a few variables; return its namespace and its id."""
+    index = await server.register_namespace("urn:test")
+    cell = await server.nodes.objects.add_object(ua.NodeId("Cell", index), ua.QualifiedName("Cell", index))
+    for spec in specs():
+        await add_method(server, cell, spec, ua.NodeId(f"Cell/{spec.name}", index), ua.QualifiedName(spec.name, index))
+    for name, value in (("Speed", 1.5), ("Locked", 2.5)):
+        node = await cell.add_variable(ua.NodeId(f"Cell/{name}", index), ua.QualifiedName(name, index), value)
+        await node.set_writable()
+        if name == "Locked":
+            server.restrict_writes(node, Role.ENGINEER.and_above)
+    await cell.add_variable(ua.NodeId("Cell/ReadOnly", index), ua.QualifiedName("ReadOnly", index), 3.5)
+    return index, cell.nodeid
+
+
 @asynccontextmanager
 async def small_server(
     folder: Path, *, trust_client: bool = True, limits: Limits | None = None, **settings
@@ -180,20 +195,11 @@ async def small_server(
     authenticator = Authenticator(users)
     server = SkillServer(authenticator, security, on_call=on_call, limits=limits)
     await server.init()
-    index = await server.register_namespace("urn:test")
-    cell = await server.nodes.objects.add_object(ua.NodeId("Cell", index), ua.QualifiedName("Cell", index))
-    for spec in specs():
-        await add_method(server, cell, spec, ua.NodeId(f"Cell/{spec.name}", index), ua.QualifiedName(spec.name, index))
-    for name, value in (("Speed", 1.5), ("Locked", 2.5)):
-        node = await cell.add_variable(ua.NodeId(f"Cell/{name}", index), ua.QualifiedName(name, index), value)
-        await node.set_writable()
-        if name == "Locked":
-            server.restrict_writes(node, Role.ENGINEER.and_above)
-    await cell.add_variable(ua.NodeId("Cell/ReadOnly", index), ua.QualifiedName("ReadOnly", index), 3.5)
+    index, cell = await add_cell(server)
     if trust_client:
         own = await asyncio.to_thread(ensure_client_certificate, folder / "client", CLIENT_URI)
         TrustList(security.folder).trust(own.certificate_file)
     async with server:
-        yield Bench(server, folder, index, cell.nodeid, records, users)
+        yield Bench(server, folder, index, cell, records, users)
     authenticator.close()
     install(before)  # the decoders' limits are those of the process: another test's server may still run
