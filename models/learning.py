@@ -34,9 +34,8 @@ from models.report import (
     Verdict,
     VerdictKind,
 )
-from models.shapes import is_another
 from models.stretches import Extra, Pause
-from models.wording import another_shape, what_it_did
+from models.wording import what_it_did
 
 __all__ = [
     "AlignedDemonstration",
@@ -193,8 +192,6 @@ def _verdict(motion: CleanMotion, fitted: Fitted, row: int) -> Verdict:
     name, did = motion.demonstration_id, what_it_did(fitted.pauses.get(row, ()), fitted.extras.get(row, ()))
     if row in fitted.left_out:
         remark = fitted.left_out[row]
-        if remark.size is not None and is_another(mean_of(fitted.aligned.points, fitted.aligned.weights), motion):
-            remark = another_shape(remark)
         return Verdict(name, VerdictKind.LEFT_OUT, remark.reason, remark.place, remark.size, "odd")
     if row in fitted.in_part:
         remark = fitted.in_part[row]

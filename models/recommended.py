@@ -21,7 +21,7 @@ from models.oddness import against_direction, first_pass, mismatch, odd_ones
 from models.options import LearningOptions
 from models.phase import arc_lengths, at, travelled
 from models.placing import laid_freely
-from models.shapes import refuse_mixed
+from models.shapes import other_shapes
 from models.stretches import Extra, Pause, extras, pauses
 
 CLOCK_POINTS = 300
@@ -46,9 +46,10 @@ def fit_recommended(motions: list[CleanMotion], options: LearningOptions, tell: 
     if options.place == "free":
         motions = laid_freely(motions, curves)
         curves, places = _curves(motions)
-    refuse_mixed([motion.demonstration_id for motion in motions], curves)
+    others = other_shapes([motion.demonstration_id for motion in motions], curves)
     rows = list(range(len(motions)))
     if options.reject_outliers:
+        left_out.update(others)
         for index in against_direction(curves):
             left_out[index] = Remark("drawn in the opposite direction: draw it again from the other end", None, None)
         rows = [row for row in rows if row not in left_out]

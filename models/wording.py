@@ -42,9 +42,7 @@ def what_it_did(pauses: Sequence[Pause], extras: Sequence[Extra]) -> Remark | No
     return Remark(words, shown[0].place, shown[0].size)
 
 
-def another_shape(remark: Remark) -> Remark:
+def another_shape(place: float, size: float) -> Remark:
     """Return what is said of a demonstration that shows something else than the others do."""
-    if remark.size is None or remark.place is None:
-        return remark
-    words = f"another shape than the others: {1e3 * remark.size:.0f} mm off at {remark.place:.2f} of the path"
-    return Remark(words, remark.place, remark.size)
+    words = f"another shape than the others: {1e3 * size:.0f} mm off at {place:.2f} of the path"
+    return Remark(words, place, size)
