@@ -10,6 +10,9 @@ from pathlib import Path
 
 import pytest
 from PIL import Image
+from small_corner import small_corner
+
+from library.readers import plain_csv
 
 LIMIT = 600.0
 NOT_PASSED_ON = ("PYTEST", "OPCUA_SKILL", "PYTHONDONTWRITEBYTECODE")
@@ -54,7 +57,10 @@ def wait_until_nobody_is_left(folder: Path) -> None:
 
 
 def test_the_demo_ends_well_with_its_line_and_its_pictures(tmp_path: Path) -> None:
-    process = demo(tmp_path, "--people", "simulated", "--json")
+    files = [tmp_path / f"{one.demonstration_id}.csv" for one in small_corner(4)]
+    for file, one in zip(files, small_corner(4), strict=True):
+        plain_csv.write(file, one)
+    process = demo(tmp_path, *(word for file in files for word in ("--demonstrations", str(file))), "--json")
     out, errors = process.communicate(timeout=LIMIT)
     assert process.returncode == 0, errors
     result = json.loads(out.strip().splitlines()[-1])
