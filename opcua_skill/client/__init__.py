@@ -21,7 +21,7 @@ from opcua_skill.client.values import (
     SkillSummary,
     Started,
 )
-from opcua_skill.client.workstation import ArmReading, DeployedModel, Workstation
+from opcua_skill.client.workstation import ArmReading, DeployedModel, LockReading, Workstation
 
 __all__ = [
     "APPLICATION_URI",
@@ -36,6 +36,7 @@ __all__ = [
     "Learned",
     "LearningOptions",
     "Limits",
+    "LockReading",
     "Mode",
     "NotSignedIn",
     "Path",

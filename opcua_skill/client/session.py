@@ -11,7 +11,7 @@ from typing import Any
 
 from asyncua import ua
 from asyncua.client.client import Client
-from asyncua.common.subscription import OpcEvent
+from asyncua.common.subscription import DataChangeEvent, OpcEvent
 from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
 from asyncua.ua.attribute_ids import AttributeIds
 from asyncua.ua.object_ids import ObjectIds
@@ -235,6 +235,25 @@ class Session:
         return Refused(path.rsplit("/", 1)[-1], status, argument, reason, detail.name if argument else "")
 
     @contextlib.asynccontextmanager
+    async def changes(self, *paths: str, every: float = 0.1) -> AsyncIterator[asyncio.Event]:
+        """Yield an event that is set when one of these variables has changed, at most every ``every`` s."""
+        nodes = [self._client.get_node(self.node(path)) for path in paths]
+        changed = asyncio.Event()
+        try:
+            subscription = await self._client.create_subscription(1000.0 * every, None)
+            await subscription.subscribe_data_change(nodes)
+        except (OSError, TimeoutError, ua.UaError) as error:
+            raise Unreachable(f"the connection to {self.url} broke: {describe(error)}") from error
+        telling = asyncio.create_task(_tell_changes(subscription, changed))
+        try:
+            yield changed
+        finally:
+            telling.cancel()
+            await asyncio.gather(telling, return_exceptions=True)
+            with contextlib.suppress(OSError, TimeoutError, ua.UaError):
+                await subscription.delete()
+
+    @contextlib.asynccontextmanager
     async def events(self) -> AsyncIterator["asyncio.Queue[Event]"]:
         """Yield a queue that receives every event the server tells, newest last, while the block runs."""
         queue: asyncio.Queue[Event] = asyncio.Queue(maxsize=1000)
@@ -263,6 +282,13 @@ class Session:
         finally:
             with contextlib.suppress(OSError, TimeoutError, ua.UaError):
                 await subscription.delete()
+
+
+async def _tell_changes(subscription: Any, changed: asyncio.Event) -> None:
+    """Set ``changed`` whenever a subscription brings a value."""
+    async for told in subscription:
+        if isinstance(told, DataChangeEvent):
+            changed.set()
 
 
 async def pump_events(subscription: Any, queue: "asyncio.Queue[Event]") -> None:

@@ -36,6 +36,16 @@ class ArmReading:
     fault: str
 
 
+@dataclass(frozen=True, slots=True)
+class LockReading:
+    """Who has the arm for themselves: empty ``user`` and ``client`` while nobody has; ``seconds`` it still lasts."""
+
+    locked: bool
+    user: str
+    client: str
+    seconds: float
+
+
 async def ask_report(session: Session, place: str, job_id: str) -> JobReport:
     """Return a job's report from the library or a workstation."""
     [value] = await session.call(place, "GetJob", JobId=wire.string(job_id))
@@ -138,6 +148,22 @@ class Workstation:
     async def lock(self, context: str = "") -> bool:
         """Take the arm for this session, until `unlock` or its end; return whether it is ours now."""
         [status] = await self.session.call(f"{self.path}/Arm/Lock", "InitLock", Context=wire.string(context))
+        return status == 0
+
+    async def lock_state(self) -> LockReading:
+        """Return who has the arm."""
+        names = ("Locked", "LockingUser", "LockingClient", "RemainingLockTime")
+        locked, user, client, left = await self.session.read(*(f"{self.path}/Arm/Lock/{name}" for name in names))
+        return LockReading(bool(locked), user or "", client or "", float(left or 0.0) / 1000.0)
+
+    async def renew_lock(self) -> bool:
+        """Keep the arm for longer; return whether it is still ours."""
+        [status] = await self.session.call(f"{self.path}/Arm/Lock", "RenewLock")
+        return status == 0
+
+    async def break_lock(self) -> bool:
+        """Take the lock away from whoever has it (engineers and above); return whether somebody had it."""
+        [status] = await self.session.call(f"{self.path}/Arm/Lock", "BreakLock")
         return status == 0
 
     async def unlock(self) -> bool:

@@ -1,5 +1,6 @@
 """The panel's process: pages, who may see them, and the web server under them."""
 
+import asyncio
 import os
 import secrets
 import tempfile
@@ -14,6 +15,7 @@ from nicegui import app, ui
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 
 from opcua_skill.panel.frame import STATIC, framed
+from opcua_skill.panel.pages.audit import audit_page
 from opcua_skill.panel.pages.library import library_page
 from opcua_skill.panel.pages.recipes import recipes_page
 from opcua_skill.panel.pages.records import records_page
@@ -114,6 +116,12 @@ def build(sessions: Sessions) -> None:
     async def _records(request: Request) -> Response | None:
         return await records(request)
 
+    trail = signed_in(audit_page, "Records")
+
+    @ui.page("/audit")
+    async def _audit(request: Request) -> Response | None:
+        return await trail(request)
+
     @app.get("/healthz")
     def healthy() -> dict[str, bool]:
         return {"ok": True}
@@ -126,12 +134,27 @@ def build(sessions: Sessions) -> None:
     app.on_shutdown(sessions.close)
 
 
+async def _once_it_listens(address: Address, on_ready: Callable[[str], None]) -> None:
+    """Call ``on_ready`` when the port answers: the web server starts its pages first and listens afterwards."""
+    here = address.host if address.host not in ("0.0.0.0", "::") else "127.0.0.1"
+    while True:
+        try:
+            _, writer = await asyncio.open_connection(here.strip("[]"), address.port)
+        except OSError:
+            await asyncio.sleep(0.02)
+            continue
+        writer.close()
+        on_ready(address.url)
+        return
+
+
 def run(server: str, address: Address, *, folder: Path | None = None, on_ready: Callable[[str], None]) -> None:
     """Serve the panel until Ctrl-C. ``on_ready`` is called with the page's address once it can be opened."""
     sessions = Sessions(server, folder)
     build(sessions)
     app.add_middleware(TrustedHostMiddleware, allowed_hosts=address.names)
-    app.on_startup(lambda: on_ready(address.url))
+    waiting: list[asyncio.Task[None]] = []
+    app.on_startup(lambda: waiting.append(asyncio.create_task(_once_it_listens(address, on_ready))))
     with tempfile.TemporaryDirectory(prefix="opcua-skill-panel-") as nothing_kept:
         os.environ["NICEGUI_STORAGE_PATH"] = nothing_kept
         tls: dict[str, Any] = {}

@@ -1,7 +1,7 @@
 """The review chart: packs recordings, path, tube and components for the browser, once; later only what changed."""
 
 import base64
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path as FilePath
 from typing import Any
 
@@ -11,7 +11,7 @@ from nicegui.elements.echart import EChart
 
 from models.demonstration import Demonstration, Floats
 from opcua_skill.client import Path, Skill
-from opcua_skill.panel.review import Material
+from opcua_skill.panel.review import Material, along
 from opcua_skill.panel.words import Words
 
 SHOWN_PATH_SAMPLES = 500
@@ -58,9 +58,12 @@ def packed_path(path: Path, points: Floats | None = None) -> dict[str, str]:
     return {"points": packed(1000.0 * where[shown]), "clock": packed(path.times[shown])}
 
 
-def chart_data(words: Words, skill: Skill, material: Material, flagged: Sequence[str]) -> dict[str, Any]:
-    """Return everything the chart draws once. Lengths in mm, times in s."""
-    lines = [_line(name, raw, material, name in flagged) for name, raw in material.raw.items()]
+def chart_data(words: Words, skill: Skill, material: Material, flagged: Mapping[str, float | None]) -> dict[str, Any]:
+    """Return everything the chart draws once. Lengths in mm, times in s.
+
+    ``flagged`` are the recordings that learning found fault with, each with the place (0 to 1), if it has one.
+    """
+    lines = [_line(name, raw, material, name in flagged, flagged.get(name)) for name, raw in material.raw.items()]
     return {
         "dimension": int(material.path.points.shape[1]),
         "lines": lines,
@@ -70,7 +73,7 @@ def chart_data(words: Words, skill: Skill, material: Material, flagged: Sequence
     }
 
 
-def _line(name: str, raw: Demonstration, material: Material, flagged: bool) -> dict[str, Any]:
+def _line(name: str, raw: Demonstration, material: Material, flagged: bool, place: float | None) -> dict[str, Any]:
     aligned = material.aligned.get(name)
     length = float(material.path.times[-1])
     shown = aligned if aligned is not None else raw
@@ -83,7 +86,13 @@ def _line(name: str, raw: Demonstration, material: Material, flagged: bool) -> d
         "raw_clock": packed(raw.times),
         "aligned": packed(1000.0 * shown.points),
         "aligned_clock": packed(clock),
+        "place": None if place is None else {"raw": _at(raw, place), "aligned": _at(shown, place)},
     }
+
+
+def _at(shown: Demonstration, place: float) -> int:
+    """Return the sample at a share of a line's length."""
+    return int(np.argmin(np.abs(along(shown.points) - place)))
 
 
 def _shapes(skill: Skill, path: Path) -> dict[str, dict[str, list[list[list[float]]]]]:

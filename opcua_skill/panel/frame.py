@@ -14,7 +14,7 @@ from nicegui.events import Handler, KeyEventArguments, ValueChangeEventArguments
 
 from opcua_skill.client import ClientError
 from opcua_skill.panel.session import PanelSession, Station
-from opcua_skill.panel.words import LANGUAGES, Words
+from opcua_skill.panel.words import Words
 
 LOST = (
     "No connection to the server. What you see here is old, and Stop motion does not reach the arm: "
@@ -24,6 +24,7 @@ STATIC = Path(__file__).parent / "static"
 REFRESH_EVERY = 0.25
 PAGES = (("Library", "/"), ("Teach", "/teach"), ("Run", "/run"), ("Records", "/records"))
 BACK_SHOWN = 20.0
+LANGUAGE_NAMES = {"en": "English", "de": "Deutsch"}
 MODE_WORDS = {
     "closed": "not in contact",
     "idle": "at rest",
@@ -169,13 +170,12 @@ def _person(frame: Frame) -> None:
         session.language = language
         ui.navigate.reload()
 
-    with ui.element("div").classes("panel-person"):
-        ui.label(session.user).classes("panel-user")
-        with ui.row().classes("panel-small"):
-            for language in LANGUAGES:
-                button = ui.link(language.upper(), "#").on("click.prevent", lambda _, one=language: speak(one))
-                button.classes("panel-language" + (" panel-here" if language == session.language else ""))
-            ui.link(words("Sign out"), "/sign-out").classes("panel-language")
+    person = ui.button(session.user).props('flat no-caps icon-right=expand_more data-mark="person"')
+    with person.classes("panel-person"), ui.menu().props("auto-close"):
+        for language, name in LANGUAGE_NAMES.items():
+            sign = "● " if language == session.language else "○ "
+            ui.menu_item(sign + name, on_click=lambda _, one=language: speak(one))
+        ui.menu_item(words("Sign out"), on_click=lambda: ui.navigate.to("/sign-out"))
 
 
 def _banners(frame: Frame) -> None:

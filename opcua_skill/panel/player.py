@@ -23,6 +23,9 @@ class Player(Element, component=FilePath(__file__).parent / "static" / "player.j
             "time": words("time"),
             "speed": words("speed of the animation"),
             "away": words("measured from commanded"),
+            "error": words("error (mm)"),
+            "play": words("Play"),
+            "turn": words("Drag to turn. The axes meet in the arm's base. A record holds the nozzle, not the joints."),
         }
         self._props["height"] = height
 
@@ -43,6 +46,10 @@ class Player(Element, component=FilePath(__file__).parent / "static" / "player.j
     def plan(self, points: Floats) -> None:
         """Show where the nozzle is to go: points (n, 3) in m in the arm's base."""
         self.run_method("plan", np.round(1000.0 * points[spread(len(points))], 2).tolist())
+
+    def view(self, name: str) -> None:
+        """Show the run from above and the side (``paths``), in space (``space``), or over time (``time``)."""
+        self.run_method("look", name)
 
     def begin(self) -> None:
         """Make room for a run that starts."""
@@ -72,3 +79,13 @@ def in_base(path: Path, recipe: Recipe) -> Floats:
     points[:, : path.points.shape[1]] = path.points
     points[:, 2] += recipe.standoff
     return points @ turn.T + np.array(recipe.frame[:3])
+
+
+def trace_csv(trace: JobTrace) -> str:
+    """Return a run's record as CSV: times in s, nozzle tip commanded and measured in m, and how far apart in m."""
+    names = [f"{kind}_{axis}_m" for kind in ("commanded", "measured") for axis in "xyz"]
+    commanded, measured = trace.commanded[:, :3], trace.measured[:, :3]
+    away = np.sqrt(((measured - commanded) ** 2).sum(axis=1))
+    rows = np.column_stack([trace.times, commanded, measured, away])
+    head = ",".join(["time_s", *names, "error_m"])
+    return "\n".join([head, *(",".join(f"{value:.9g}" for value in row) for row in rows.tolist())]) + "\n"

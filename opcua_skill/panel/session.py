@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 
-from opcua_skill.client import ArmReading, ClientError, Event, JobReport, SkillClient, Unreachable
+from opcua_skill.client import ArmReading, ClientError, Event, JobReport, LockReading, SkillClient, Unreachable
 
 log = logging.getLogger(__name__)
 
@@ -32,10 +32,21 @@ RIGHTS = {
     "edit": "SkillLibrary/RemovePoints",
     "approve": "SkillLibrary/Approve",
     "deploy": "SkillLibrary/Deploy",
+    "retire": "SkillLibrary/Retire",
+    "import": "SkillLibrary/ImportSkill",
+    "audit": "SkillLibrary/GetAuditTrail",
     "recipes": "SkillLibrary/PutRecipe",
     "read recipes": "SkillLibrary/ListRecipes",
 }
-STATION_RIGHTS = {"run": "ExecuteSkill", "stop": "Arm/ProtectiveStop", "reset": "Arm/Reset"}
+STATION_RIGHTS = {
+    "run": "ExecuteSkill",
+    "stop": "Arm/ProtectiveStop",
+    "reset": "Arm/Reset",
+    "lock": "Arm/Lock/InitLock",
+    "break lock": "Arm/Lock/BreakLock",
+    "record": "Recorder/StartRecording",
+}
+RENEW_BELOW = 300.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +65,7 @@ class Station:
     name: str
     arm: ArmReading | None = None
     jobs: tuple[JobReport, ...] = ()
+    lock: LockReading | None = None
 
     @property
     def active(self) -> tuple[JobReport, ...]:
@@ -87,6 +99,7 @@ class PanelSession:
     happenings: deque[Happening] = field(default_factory=lambda: deque(maxlen=KEPT_HAPPENINGS))
     times_recovered: int = 0
     kept: dict[object, object] = field(default_factory=dict)
+    locked_here: set[str] = field(default_factory=set)
 
     def __post_init__(self) -> None:
         self._work: SkillClient | None = None
@@ -170,6 +183,7 @@ class PanelSession:
                 raise Unreachable(f"the connection to {self.url} broke while signing in") from error
             raise
         self.stations = {name: self.stations.get(name, Station(name)) for name in names}
+        self.locked_here.clear()  # a lock ends with the connection that took it
         if self.station_name not in self.stations:
             self.station_name = names[0] if names else ""
         self.connected, self.why_not = True, ""
@@ -246,4 +260,31 @@ class PanelSession:
             arm = await station.arm()
             known = self.stations[name]
             jobs = tuple(await station.jobs(limit=SHOWN_JOBS)) if jobs_too or known.active else known.jobs
-            self.stations[name] = Station(name, arm, jobs)
+            self.stations[name] = Station(name, arm, jobs, await station.lock_state())
+            await self._keep_lock(name)
+
+    async def _keep_lock(self, name: str) -> None:
+        """Renew a lock that this person has taken here, until it is given back; forget one that is gone."""
+        lock = self.stations[name].lock
+        due = name in self.locked_here and lock is not None and lock.seconds < RENEW_BELOW
+        if due and not await self.client.workstation(name).renew_lock():
+            self.locked_here.discard(name)
+
+    def has_lock(self, name: str) -> bool:
+        """Whether this person has an arm for themselves, taken here."""
+        lock = self.stations[name].lock if name in self.stations else None
+        return name in self.locked_here and lock is not None and lock.locked and lock.user == self.user
+
+    async def take_lock(self, name: str) -> bool:
+        """Have an arm for this person alone; return whether it is theirs now."""
+        taken = await self.client.workstation(name).lock(f"panel of {self.user}")
+        if taken:
+            self.locked_here.add(name)
+        self.look_again()
+        return taken
+
+    async def give_lock_back(self, name: str) -> None:
+        """Let others have the arm again."""
+        await self.client.workstation(name).unlock()
+        self.locked_here.discard(name)
+        self.look_again()

@@ -5,11 +5,12 @@ from datetime import UTC, datetime
 
 import numpy as np
 
-from models.demonstration import Demonstration
+from models.demonstration import Bools, Demonstration, Floats
 
 PLATE_MM = (65.0, 90.0)
 SHORTEST_MM = 5.0
 FEWEST = 8
+PAUSE = 0.2
 
 
 class NotADemonstration(ValueError):
@@ -45,3 +46,15 @@ def free_name(taken: Sequence[str], stem: str = "stroke") -> str:
     while f"{stem}-{number:02d}" in taken:
         number += 1
     return f"{stem}-{number:02d}"
+
+
+def appended(stroke: Demonstration, clock: float) -> tuple[Floats, Floats, Bools]:
+    """Return a stroke as samples of a tracker after ``clock`` s: times (n,), points (n, 2), and the button (n,).
+
+    The button is released at the end for long enough that nobody takes it for a bounce.
+    """
+    times = clock + PAUSE + stroke.times
+    after = times[-1] + PAUSE * np.array([0.5, 1.0])
+    points = np.concatenate([stroke.points, np.repeat(stroke.points[-1:], 2, axis=0)])
+    pressed = np.concatenate([np.ones(len(times), dtype=bool), np.zeros(2, dtype=bool)])
+    return np.concatenate([times, after]), points, pressed

@@ -4,13 +4,14 @@ import re
 import tempfile
 from pathlib import Path, PurePosixPath, PureWindowsPath
 
-from library.readers import read
+from library.errors import ReaderError
+from library.readers import Choices, read
 from models.demonstration import Demonstration
 
 LARGEST = 200_000_000
 
 
-def read_upload(name: str, content: bytes) -> list[Demonstration]:
+def read_upload(name: str, content: bytes, choices: Choices | None = None) -> list[Demonstration]:
     """Return the demonstrations in an uploaded file; raises ReaderError with a sentence that names the file.
 
     The name a browser sends is never used as a path: only its last part, and of that only harmless characters.
@@ -20,4 +21,9 @@ def read_upload(name: str, content: bytes) -> list[Demonstration]:
     with tempfile.TemporaryDirectory(prefix="opcua-skill-upload-") as folder:
         file = Path(folder) / harmless
         file.write_bytes(content)
-        return read(file)
+        return read(file, choices)
+
+
+def plain_sentence(error: ReaderError) -> str:
+    """Return what is wrong with a file without the folder it lay in for a moment."""
+    return str(error).replace(f"{error.path.parent}/", "")

@@ -32,9 +32,30 @@ FLAGS = (
     "--host-resolver-rules=MAP * ~NOTFOUND , EXCLUDE 127.0.0.1",
 )
 PANEL_PC = {"width": 1280, "height": 800}
+TABLET = {"width": 768, "height": 1024}
 PATIENCE = 20_000
 PICTURES = os.environ.get("OPCUA_SKILL_PICTURES", "")
 """Set to docs/pictures, the tests write there the pictures of the how-to page; else they are only looked at."""
+
+TOUCH = """(canvas, [points, pointer]) => {
+  const box = canvas.getBoundingClientRect(), scale = box.height / (90 * 1.13);
+  const left = box.left + (box.width - 65 * scale) / 2, bottom = box.bottom - 0.065 * scale * 90;
+  const tell = (name, [x, y], down) => canvas.dispatchEvent(new PointerEvent(name, {
+    bubbles: true, isPrimary: true, pointerId: 7, pointerType: pointer, button: 0, buttons: down ? 1 : 0,
+    clientX: left + 65 * scale * x, clientY: bottom - 90 * scale * y }));
+  canvas.setPointerCapture = () => {};  // there is no such pointer: these events are made here
+  tell("pointerdown", points[0], true);
+  let i = 1;
+  return new Promise((done) => {
+    const step = () => {
+      if (i === points.length) { tell("pointerup", points[i - 1], false); done(); return; }
+      tell("pointermove", points[i], true);
+      i += 1;
+      setTimeout(step, 4);
+    };
+    step();
+  });
+}"""
 
 Work = Callable[[], Coroutine[Any, Any, Any]]
 
@@ -94,14 +115,18 @@ class Screen:
         """Draw a stroke on the plate; points are shares of its width and height, from the lower left corner."""
         box = self.page.locator("canvas.plate").bounding_box()
         assert box is not None
-        scale = box["height"] / (90.0 + 12.0)
-        left, bottom = box["x"] + (box["width"] - 65.0 * scale) / 2, box["y"] + box["height"] - 6.0 * scale
+        scale = box["height"] / (90.0 * 1.13)
+        left, bottom = box["x"] + (box["width"] - 65.0 * scale) / 2, box["y"] + box["height"] - 0.065 * 90.0 * scale
         on_screen = [(left + 65.0 * scale * x, bottom - 90.0 * scale * y) for x, y in points]
         self.page.mouse.move(*on_screen[0])
         self.page.mouse.down()
         for point in on_screen[1:]:
             self.page.mouse.move(*point, steps=3)
         self.page.mouse.up()
+
+    def touch(self, points: list[tuple[float, float]], pointer: str) -> None:
+        """Draw a stroke with a finger or a pen, as the browser tells it: ``touch`` or ``pen``."""
+        self.page.locator("canvas.plate").evaluate(TOUCH, [points, pointer])
 
     def picture(self, name: str, tmp_path: Path) -> None:
         """Keep a picture of the page as it is."""
@@ -116,13 +141,14 @@ class Screens:
 
     browser: Browser
     base: str
+    known: dict[tuple[str, str], Any]
     contexts: list[BrowserContext] = field(default_factory=list)
     asked: list[str] = field(default_factory=list)
     faults: list[str] = field(default_factory=list)
 
-    def blank(self, locale: str = "en-US") -> Screen:
+    def blank(self, locale: str = "en-US", viewport: Any = None, **more: Any) -> Screen:
         """Return a browser at which nobody has signed in."""
-        context = self.browser.new_context(viewport=PANEL_PC, locale=locale)  # type: ignore[arg-type]
+        context = self.browser.new_context(viewport=viewport or PANEL_PC, locale=locale, **more)
         context.set_default_timeout(PATIENCE)
         self.contexts.append(context)
         context.on("request", lambda request: self.asked.append(request.url))
@@ -131,14 +157,20 @@ class Screens:
         page.on("pageerror", lambda error: self.faults.append(str(error)))
         return Screen(page, self.base)
 
-    def sign_in(self, user: str, to: str = "/", locale: str = "en-US") -> Screen:
-        """Return a browser at which somebody has signed in and sees a page."""
-        screen = self.blank(locale)
+    def sign_in(self, user: str, to: str = "/", locale: str = "en-US", **more: Any) -> Screen:
+        """Return a browser at which somebody has signed in and sees a page.
+
+        Signing in is the slow part: who has done so in an earlier test comes back with the same cookie.
+        """
+        if (user, locale) in self.known:
+            return self.blank(locale, storage_state=self.known[user, locale], **more).go(to)
+        screen = self.blank(locale, **more)
         screen.page.goto(f"{self.base}/sign-in?to={to}")
         screen.page.locator("input").nth(0).fill(user)
         screen.page.locator("input").nth(1).fill(PASSWORD)
         screen.page.locator("button").click()
         screen.page.wait_for_selector(".stop-motion")
+        self.known[user, locale] = screen.page.context.storage_state()
         return screen
 
 
@@ -187,10 +219,16 @@ def panel(plant: Plant) -> Iterator[str]:
     assert "Traceback" not in said, said
 
 
+@pytest.fixture(scope="session")
+def known() -> dict[tuple[str, str], Any]:
+    """Who has signed in already, with the cookie they were given."""
+    return {}
+
+
 @pytest.fixture
-def screens(browser: Browser, panel: str) -> Iterator[Screens]:
+def screens(browser: Browser, panel: str, known: dict[tuple[str, str], Any]) -> Iterator[Screens]:
     """Return what opens browsers; afterwards nothing has left loopback, and no page had a fault."""
-    made = Screens(browser, panel)
+    made = Screens(browser, panel, known)
     yield made
     for context in made.contexts:
         context.close()

@@ -14,7 +14,9 @@ pytestmark = pytest.mark.browser
 BUMP = 0.012
 
 
-def teach(plant: Any, name: str, user: str = "teacher", *, odd: bool = False) -> None:
+def teach(
+    plant: Any, name: str, user: str = "teacher", *, odd: bool = False, options: LearningOptions | None = None
+) -> None:
     """Have a skill learned from six simulated people; with ``odd``, one of them leaves the line by 12 mm."""
     people = list(simulated_people(6, seed=3)[0])
     if odd:
@@ -23,8 +25,8 @@ def teach(plant: Any, name: str, user: str = "teacher", *, odd: bool = False) ->
 
     async def learn() -> None:
         async with plant.sign_in(user) as client:
-            options = LearningOptions(reject_outliers=False)
-            report = await client.learn_to_the_end(name, people, semantic_type="Gluing", options=options)
+            how = options or LearningOptions(reject_outliers=False)
+            report = await client.learn_to_the_end(name, people, semantic_type="Gluing", options=how)
             assert report.state == "Completed", report.message
 
     away_from_the_browser(learn)
@@ -113,6 +115,63 @@ def test_nobody_approves_what_they_taught_and_both_browsers_see_the_approval(
     second.page.locator("[data-mark='deployed']", has_text="Runs on: ws1").wait_for()
     author.page.locator("[data-mark='deployed']", has_text="Runs on: ws1").wait_for()
     second.picture("approved", tmp_path)
+
+
+def test_a_box_and_the_learned_path_strike_samples_of_all(plant: Any, screens: Screens) -> None:
+    teach(plant, "boxed")
+    screen = screens.sign_in("teacher", "/skill/boxed")
+    screen.chart()
+    screen.page.get_by_role("button", name="Box", exact=True).click()
+    (left, top), (right, bottom) = screen.where(-1, 200), screen.where(-1, 240)
+    margin = 12
+    screen.page.mouse.move(min(left, right) - margin, min(top, bottom) - margin)
+    screen.page.mouse.down()
+    screen.page.mouse.move(max(left, right) + margin, max(top, bottom) + margin, steps=4)
+    screen.page.mouse.up()
+    wait_for_draft(screen, "samples struck (not learned yet)")
+    assert struck(screen) > 100, "samples of several demonstrations lie in the box"
+    screen.marked("undo").click()
+    wait_for_draft(screen, "Nothing is taken out (as learned)")
+    screen.marked("target").click()
+    screen.page.get_by_role("option", name="of all, along the path").click()
+    screen.page.get_by_role("button", name="Point", exact=True).click()
+    screen.page.mouse.click(*screen.where(-1, 120))
+    wait_for_draft(screen, "samples struck (not learned yet)")
+    assert struck(screen) >= 6, "one sample or more of each of six demonstrations"
+
+
+def test_versions_stand_side_by_side_and_go_out_and_come_back(plant: Any, screens: Screens, tmp_path: Path) -> None:
+    teach(plant, "compared")
+    teach(plant, "compared", options=LearningOptions(preset="paper"))
+    screen = screens.sign_in("engineer", "/skill/compared")
+    screen.chart()
+    screen.page.get_by_role("button", name="Compare").click()
+    table = screen.marked("comparison")
+    better = table.locator("tr", has_text="path against mean of people, RMS").get_by_text("✓ better: −")
+    better.wait_for()
+    table.scroll_into_view_if_needed()
+    screen.picture("side-by-side", tmp_path)
+
+    screen.page.get_by_label("Reason, kept in the records").fill("as published is not good enough")
+    screen.button("Reject").click()
+    screen.page.locator("[data-mark='state']", has_text="Rejected").wait_for()
+    with screen.page.expect_download() as download:
+        screen.marked("export").click()
+    assert download.value.suggested_filename == "compared-2.json"
+    exported = tmp_path / "exported.json"
+    download.value.save_as(exported)
+    screen.marked("retire").click()
+    screen.marked("retire-reason").locator("visible=true").fill("replaced")
+    screen.marked("retire-now").click()
+    screen.page.locator("[data-mark='state']", has_text="Retired").wait_for()
+
+    screen.go("/")
+    wrong = tmp_path / "wrong.json"
+    wrong.write_text('{"name": 3}', encoding="utf-8")
+    screen.marked("import").locator("input[type=file]").set_input_files(wrong)
+    screen.marked("import-refusal").get_by_text("wrong.json").wait_for()
+    screen.marked("import").locator("input[type=file]").set_input_files(exported)
+    screen.says("Imported: compared version 3")
 
 
 def test_a_wrong_password_is_said_in_a_sentence(screens: Screens, tmp_path: Path) -> None:

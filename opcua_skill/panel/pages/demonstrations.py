@@ -1,6 +1,7 @@
 """The list of a version's demonstrations: in or out, how far off, and what learning said of each, worst first."""
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 from nicegui import ui
 
@@ -29,9 +30,9 @@ class DemonstrationList:
         self._rows: dict[str, tuple[ui.element, ui.checkbox, ui.button]] = {}
         with ui.element("div").classes("demo-list"):
             for name in names:
-                self._row(name, errors.get(name, {}).get("max"))
+                self._row(name, errors.get(name, {}))
 
-    def _row(self, name: str, worst: float | None) -> None:
+    def _row(self, name: str, error: Mapping[str, Any]) -> None:
         page, words = self.page, self.page.words
         verdict = page.version.verdicts.get(name, {})
         with ui.element("div").classes("demo") as row:
@@ -44,7 +45,8 @@ class DemonstrationList:
             raw = page.version.material.raw[name]
             label.tooltip(" · ".join(part for part in (raw.operator, raw.source, f"{len(raw.times)} samples") if part))
             with ui.element("div").classes("line").style("width:auto;flex-wrap:nowrap;gap:2px"):
-                ui.label(mm(worst, 1)).classes("small mono")
+                there = f" {words('at')} {percent(error['place'])}" if error.get("place") is not None else ""
+                ui.label(f"{mm(error.get('max'), 1)}{there}").classes("small mono")
                 back = ui.button(icon="restore", on_click=lambda: self._restore(name)).props("flat dense round size=xs")
                 back.tooltip(words("Take its struck samples in again"))
             if name in page.version.flagged:

@@ -1,21 +1,22 @@
 """Judging a version: report and checks, approve or reject with a reason, deploy, and the versions side by side."""
 
 import asyncio
-from typing import TYPE_CHECKING, Any
+import re
+from typing import TYPE_CHECKING
 from urllib.parse import quote
 
 from nicegui import ui
 
 from opcua_skill.client import ClientError, Skill
-from opcua_skill.panel.chart import packed_path
+from opcua_skill.panel.comparing import FIGURES, IN_SHORT, against_paper, checks, since_before, spread
 from opcua_skill.panel.frame import choose
-from opcua_skill.panel.review import largest_change
-from opcua_skill.panel.shown import mm, percent, seconds, state_tag
+from opcua_skill.panel.shown import mm, percent, state_tag
 
 if TYPE_CHECKING:
     from opcua_skill.panel.pages.skill import SkillPage
 
 OLDEST_SHOWN = 12
+RETIRABLE = ("Approved", "Rejected")
 
 
 class Judging:
@@ -47,41 +48,27 @@ class Judging:
         self.newer = ui.element("div").classes("line")
 
     def _report(self) -> None:
-        words, report = self.words, self.skill.report
-        repeatability = report.get("repeatability") or {}
-        spread = [value for value in repeatability.get("deviation") or () if value is not None]
-        widest = max(spread, default=None)
-        phases = repeatability.get("phases") or ()
-        there = f" {words('at')} {percent(phases[spread.index(widest)])}" if widest is not None and len(phases) else ""
-        facts = [
-            (words("duration as taught"), seconds(report.get("duration"))),
-            (words("length"), mm(report.get("length"), 1)),
-            (words("components"), str(report.get("components", "–"))),
-            (words("path against mean of people, RMS"), mm((report.get("path_error") or {}).get("rms"))),
-            (words("the same, largest"), mm((report.get("path_error") or {}).get("max"))),
-            (words("people's spread, largest"), f"{mm(widest)}{there}"),
-            (words("smoothness (nearer 0 is smoother)"), f"{report.get('smoothness', float('nan')):.1f}"),
-        ]
+        words, skill = self.words, self.skill
         with ui.element("div").classes("facts"):
-            for name, value in facts:
-                ui.label(name).classes("soft")
-                ui.label(value)
-        for sign, good, sentence in self._checks(widest):
-            ui.label(f"{sign} {sentence}").classes("small " + ("check-good" if good else "check-bad"))
+            for figure in FIGURES:
+                if figure.label not in IN_SHORT:
+                    continue
+                ui.label(words(figure.label)).classes("soft")
+                ui.label(figure.said(figure.read(skill)) + self._where(figure.label))
+        for check in checks(words, skill):
+            ui.label(f"{check.sign} {check.sentence}").classes("small " + ("check-good" if check.good else "check-bad"))
+        with ui.element("div").classes("small soft").props('data-mark="compared"'):
+            if told := since_before(words, skill):
+                ui.label(f"{words('since version')} {skill.report['previous']['version']}: {' · '.join(told)}")
+            for sentence in against_paper(words, skill):
+                ui.label(sentence)
 
-    def _checks(self, widest: float | None) -> list[tuple[str, bool, str]]:
-        words, report = self.words, self.skill.report
-        used = len(self.page.version.material.aligned)
-        error = (report.get("path_error") or {}).get("max")
-        checks = [
-            (used >= 3, f"{used} {words('demonstrations used')}"),
-            (not self.page.version.flagged, f"{len(self.page.version.flagged)} {words('flagged')}"),
-        ]
-        if error is not None and widest is not None:
-            checks.append((error <= 2.0 * widest, f"{words('path within ±2σ of the people')}: {mm(error)}"))
-        for note in report.get("notes") or ():
-            checks.append((False, str(note)))
-        return [("✓" if good else "⚠", good, sentence) for good, sentence in checks]
+    def _where(self, label: str) -> str:
+        """Return at which share of the path the people were furthest apart."""
+        phases, values = (self.skill.report.get("repeatability") or {}).get("phases") or (), spread(self.skill)
+        if label != "people's spread, largest" or not values or len(phases) != len(values):
+            return ""
+        return f" {self.words('at')} {percent(phases[values.index(max(values))])}"
 
     def refresh(self) -> None:
         """Offer what this person may do with this version in its state; say why something is not offered."""
@@ -96,6 +83,8 @@ class Judging:
                 self._judge()
             elif skill.state == "Approved":
                 self._deploy()
+            elif skill.state == "Rejected":
+                ui.label(words("This version was rejected. Learn again, or choose another version."))
             else:
                 ui.label(words("This version is not used any more. Learn again, or choose another version."))
             name = quote(skill.name, safe="")
@@ -107,6 +96,7 @@ class Judging:
                 ui.button(words("Recipes"), on_click=lambda: ui.navigate.to(f"/recipes?skill={name}")).props(
                     "no-caps flat dense"
                 )
+            self._keep_or_retire()
         if not session.may("approve"):
             with self.decide:
                 ui.label(words("Approving needs the role engineer.")).classes("small soft")
@@ -163,6 +153,44 @@ class Judging:
             back.props("no-caps flat dense")
             back.bind_visibility_from(where, "value", lambda name: name in deployed)
 
+    def _keep_or_retire(self) -> None:
+        """Offer the version as a file, and to take it out of use for good: with a reason, asked for in place."""
+        words, skill = self.words, self.skill
+        with ui.element("div").classes("line"):
+            ui.button(words("Export as JSON"), icon="download", on_click=self._export).props(
+                'no-caps flat dense data-mark="export"'
+            )
+            ask = ui.button(words("Retire"), icon="archive").props('no-caps flat dense data-mark="retire"')
+            ask.set_visibility(skill.state in RETIRABLE and self.session.may("retire"))
+        if ask.visible:
+            with ui.element("div").classes("stack") as asked:
+                reason = ui.input(words("Why it goes out of use")).props("dense outlined").classes("w-full")
+                reason.props('data-mark="retire-reason"')
+                refused = ui.label().classes("check-bad small").props('data-mark="retire-refusal"')
+                ui.button(
+                    words("Retire for good"), icon="archive", on_click=lambda: self._retire(reason.value or "", refused)
+                ).props('no-caps outline dense color=negative data-mark="retire-now"')
+            asked.set_visibility(False)
+            ask.on_click(lambda: asked.set_visibility(not asked.visible))
+
+    async def _retire(self, reason: str, refused: ui.label) -> None:
+        try:
+            await self.session.client.retire(self.skill.name, self.skill.version, reason)
+        except ClientError as error:
+            refused.text = f"✕ {error}"
+            return
+        await self.changed_elsewhere()
+
+    async def _export(self) -> None:
+        skill, found = self.skill, list[str]()
+
+        async def read() -> None:
+            found.append(await self.session.client.export_skill(skill.name, skill.version))
+
+        if await self.page.frame.asked(self.words("Export"), read):
+            name = re.sub(r"[^A-Za-z0-9._-]", "_", skill.name).lstrip(".") or "skill"
+            ui.download.content(found[0], f"{name}-{skill.version}.json")
+
     async def _place(self, there: bool, where: str) -> None:
         client, skill = self.session.client, self.skill
         ask = client.deploy if there else client.withdraw
@@ -217,30 +245,16 @@ class Judging:
             ui.html(state_tag(words, one.state), sanitize=False)
             ui.label(taught).classes("small soft")
             ui.label(mm(error)).classes("small mono").tooltip(words("path against mean of people, RMS"))
-            ui.space()
             if not here:
-                ui.button(words("Show"), on_click=lambda: self._open(one.version)).props("no-caps dense flat size=sm")
-                ui.button(words("Compare"), on_click=lambda: self._compare(one)).props("no-caps dense flat size=sm")
+                with ui.element("div").classes("at-the-end"):
+                    ui.button(words("Show"), on_click=lambda: self._open(one.version)).props("no-caps dense flat")
+                    ui.button(words("Compare"), on_click=lambda: self.page.comparison.add(one)).props(
+                        "no-caps dense flat"
+                    )
 
     async def _open(self, number: int) -> None:
         self.page.ghost = None
         await self.page.show(number)
-
-    async def _compare(self, other: Skill) -> None:
-        """Lay another version's path over this one, green and dotted, and say how far apart they are."""
-        page, words = self.page, self.words
-        paths: list[Any] = []
-
-        async def read() -> None:
-            paths.append(await self.session.client.path(other.name, other.version))
-
-        if await page.frame.asked(words("Compare"), read):
-            page.chart.overlay(other=packed_path(paths[0]))
-            away, where = largest_change(paths[0], page.version.material.path)
-            self.change.text = (
-                f"┄ {words('version')} {other.version} ({words('green, dotted')}): "
-                f"{words('at most')} {mm(away)} {words('away')}, {words('at')} {percent(where)} {words('of the way')}"
-            )
 
     def tell_change(self, before: int, away: float, where: float) -> None:
         """Say what learning again has changed."""

@@ -3,13 +3,15 @@
 from urllib.parse import quote
 
 from nicegui import ui
+from nicegui.events import UploadEventArguments
 
-from opcua_skill.client import SkillSummary
+from opcua_skill.client import ClientError, SkillSummary
 from opcua_skill.panel.frame import Frame, choose
 from opcua_skill.panel.shown import moment, state_tag
 
 STATES = ("Learned", "Approved", "Rejected", "Retired")
 MOST = 200
+LARGEST = 20_000_000
 
 
 async def library_page(frame: Frame) -> None:
@@ -28,20 +30,51 @@ async def library_page(frame: Frame) -> None:
             station.classes("w-48")
             ui.space()
             count = ui.label().classes("soft")
+            if session.may("import"):
+                chosen = ui.upload(on_upload=lambda event: bring_in(event), auto_upload=True, max_file_size=LARGEST)
+                chosen.props('accept=".json" data-mark="import"').classes("unseen")
+                # in the browser: a file list opens only where a person has just pressed something
+                pick = f"() => document.querySelector('#c{chosen.id} input[type=file]').click()"
+                ui.button(words("Import a skill"), icon="upload_file").on("click", js_handler=pick).props(
+                    "no-caps outline dense"
+                )
+        refused = ui.label().classes("check-bad").props('data-mark="import-refusal"')
         with ui.element("table").classes("panel-table").props('data-mark="skills"') as table:
             pass
         nothing = ui.label().classes("soft")
 
     found: list[SkillSummary] = []
+    runs_on: dict[str, list[str]] = {}
 
     async def find() -> None:
         async def ask() -> None:
             found[:] = await session.client.find_skills(
                 name_prefix=name.value or "", state=state.value, workstation=station.value, limit=MOST
             )
+            runs_on.clear()
+            for one in session.stations:  # the version that is deployed is often not the newest one
+                for skill in await session.client.find_skills(
+                    name_prefix=name.value or "", workstation=one, limit=MOST
+                ):
+                    runs_on.setdefault(skill.name, []).append(f"{one}: {words('version')} {skill.version}")
 
         if await frame.asked(words("Search"), ask):
             show()
+
+    async def bring_in(event: UploadEventArguments) -> None:
+        """Store a skill that was exported elsewhere, in state Learned: here it has to be approved again."""
+        refused.text = ""
+        try:
+            text = (await event.file.read()).decode("utf-8")
+            name, version = await session.client.import_skill(text)
+        except UnicodeDecodeError:
+            refused.text = f"✕ {event.file.name}: {words('this is no exported skill, which is a JSON file')}"
+            return
+        except ClientError as error:
+            refused.text = f"✕ {event.file.name}: {error}"
+            return
+        frame.tell(f"{words('Imported')}: {name} {words('version')} {version}")
+        await find()
 
     def show() -> None:
         count.text = f"{len(found)} {words('skills')}" + (f" ({words('the first ones')})" if len(found) >= MOST else "")
@@ -67,7 +100,7 @@ async def library_page(frame: Frame) -> None:
                     ui.label(cell)
             with ui.element("td"):
                 ui.html(state_tag(words, one.state), sanitize=False)
-            for cell in (one.created_by, moment(one.created_at), ", ".join(one.workstations) or "–"):
+            for cell in (one.created_by, moment(one.created_at), ", ".join(runs_on.get(one.name, [])) or "–"):
                 with ui.element("td"):
                     ui.label(cell)
 

@@ -30,7 +30,12 @@ async def records_page(frame: Frame) -> None:
     with ui.element("div").classes("columns half-columns").style("grid-template-columns: 5fr 6fr"):
         with ui.element("div").classes("sheet stack"):
             ui.label(words("What happened since you signed in")).classes("sheet-title")
-            only = ui.checkbox(words("only refusals, faults and stops")).props("dense")
+            with ui.element("div").classes("line"):
+                only = ui.checkbox(words("only refusals, faults and stops")).props("dense")
+                ui.space()
+                ui.button(words("Audit trail"), icon="fact_check", on_click=lambda: ui.navigate.to("/audit")).props(
+                    'no-caps outline data-mark="to-audit"'
+                )
             with ui.element("table").classes("panel-table jobs-table").props('data-mark="events"') as events:
                 pass
         with ui.element("div").classes("sheet stack"):

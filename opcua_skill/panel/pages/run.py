@@ -6,13 +6,15 @@ from urllib.parse import quote
 
 from nicegui import ui
 
-from opcua_skill.client import ClientError, JobReport, Recipe, SkillSummary
+from opcua_skill.client import ClientError, JobReport, JobTrace, Recipe, SkillSummary
 from opcua_skill.panel.frame import Frame, choose
-from opcua_skill.panel.player import Player, in_base
-from opcua_skill.panel.shown import mm, moment, percent, state_tag
+from opcua_skill.panel.pages.arm import ArmSheet
+from opcua_skill.panel.pages.jobs import JobTable
+from opcua_skill.panel.player import Player, in_base, trace_csv
+from opcua_skill.panel.shown import percent, state_tag
 
 MODES = ("simulation", "test", "production")
-SHOWN_JOBS = 10
+VIEWS = {"paths": "From above and the side", "space": "In space", "time": "Over time"}
 
 
 async def run_page(frame: Frame, skill: str = "", version: str = "0") -> None:
@@ -36,27 +38,32 @@ class RunPage:
 
     async def open(self, skill: str) -> None:
         """Build the page."""
-        with ui.element("div").classes("columns").style("grid-template-columns: 330px minmax(0,1fr)"):
+        with ui.element("div").classes("columns run-columns"):
             with ui.element("div").classes("stack"):
                 with ui.element("div").classes("sheet stack"):
                     self._order()
                 with ui.element("div").classes("sheet stack"):
                     self._motion()
+                with ui.element("div").classes("sheet stack"):
+                    self.arm_sheet = ArmSheet(self.frame)
             with ui.element("div").classes("stack"):
                 with ui.element("div").classes("sheet stack"):
-                    legend = "From above and from the side · grey dashes: planned · blue: commanded · orange: measured"
-                    ui.label(self.words(legend)).classes("small soft")
-                    self.player = (
-                        Player(self.words, "calc(100vh - 420px)").classes("w-full").props('data-mark="player"')
-                    )
-                    self.player.on("drawn", self.show_plan)
-                with (
-                    ui.element("div").classes("sheet"),
-                    ui.element("table").classes("panel-table jobs-table").props('data-mark="jobs"') as table,
-                ):
-                    self.table = table
+                    self._view()
+                with ui.element("div").classes("sheet scrolls"):
+                    self.jobs = JobTable(self.frame, self.show_trace, self.download)
         await self.read_skills(skill)
         self.frame.on_refresh(self.refresh)
+
+    def _view(self) -> None:
+        words = self.words
+        with ui.element("div").classes("line"):
+            toggle = ui.toggle({key: words(label) for key, label in VIEWS.items()}, value="paths")
+            toggle.props("no-caps unelevated toggle-color=primary color=white text-color=dark").classes("framed")
+            toggle.props('data-mark="view"').on_value_change(lambda event: self.player.view(event.value))
+            legend = "grey dashes: planned · blue: commanded · orange: measured"
+            ui.label(words(legend)).classes("small soft")
+        self.player = Player(words, "max(300px, calc(100vh - 400px))").classes("w-full").props('data-mark="player"')
+        self.player.on("drawn", self.show_plan)
 
     def _order(self) -> None:
         words = self.words
@@ -100,6 +107,7 @@ class RunPage:
             self.home.props('no-caps outline dense data-mark="home"').tooltip(
                 words("Slowly, to where every run begins")
             )
+        self.queue = ui.element("div").classes("stack").props('data-mark="queue"')
         self.override_told = ui.label().classes("small").props('data-mark="override-told"')
         self.override = ui.slider(min=5, max=100, step=5, value=100).props(
             f'label snap aria-label="{words("Speed override")}"'
@@ -238,6 +246,7 @@ class RunPage:
             told = f"{job.skill_name} {words('version')} {job.skill_version} · {words(job.mode)} · {job.recipe_id}"
             self.job_told.text = f"{told} · {percent(job.progress)}{rest}"
             self.progress.value = job.progress
+        self.arm_sheet.refresh()
         self.home.set_enabled(session.may("run") and job is None and arm is not None and arm.mode == "idle")
         self.pause.set_enabled(job is not None and job.state == "Running")
         self.resume.set_enabled(job is not None and job.state == "Paused")
@@ -255,15 +264,8 @@ class RunPage:
     def _show_jobs(self, jobs: tuple[JobReport, ...]) -> None:
         before = {one.job_id: one for one in self.shown_jobs or ()}
         self.shown_jobs = jobs
-        words = self.words
-        self.table.clear()
-        with self.table:
-            with ui.element("tr"):
-                for head in ("When", "Skill", "Recipe", "Mode", "State", "Measured from commanded: RMS / largest", ""):
-                    with ui.element("th"):
-                        ui.label(words(head))
-            for one in jobs[:SHOWN_JOBS]:
-                self._job_row(one)
+        self.jobs.show(jobs)
+        self._show_queue([one for one in reversed(jobs) if one.state == "Queued"])
         for one in jobs:
             was = before.get(one.job_id)
             ended_now = one.ended and (one.job_id == self.mine or (was is not None and not was.ended))
@@ -272,36 +274,41 @@ class RunPage:
                 ui.timer(0.01, lambda it=one: self.show_trace(it.job_id, True), once=True)
                 break
 
-    def _job_row(self, one: JobReport) -> None:
+    def _show_queue(self, waiting: list[JobReport]) -> None:
+        """List what waits, the next one first; each can be taken out."""
         words = self.words
-        with ui.element("tr"):
-            for cell in (
-                moment(one.start_time),
-                f"{one.skill_name} {one.skill_version}",
-                one.recipe_id,
-                words(one.mode),
-            ):
-                with ui.element("td"):
-                    ui.label(cell)
-            with ui.element("td").classes("wraps"):
-                ui.html(state_tag(words, one.state), sanitize=False)
-                if one.failure != "None":
-                    ui.label(f"{one.failure}: {one.message}").classes("small check-bad")
-            with ui.element("td"):
-                rms, largest = one.tracking_error
-                ui.label(f"{mm(rms, 3)} / {mm(largest, 3)}" if one.state == "Completed" else "–").classes("mono")
-            with ui.element("td"):
-                if one.state == "Completed":
-                    ui.button(words("Play"), on_click=lambda: self.show_trace(one.job_id, True)).props(
-                        "no-caps flat dense size=sm"
-                    )
+        self.queue.clear()
+        with self.queue:
+            if waiting:
+                ui.label(f"{words('Queue')}: {len(waiting)} {words('waiting')}").classes("small soft")
+            for place, one in enumerate(waiting, start=1):
+                with ui.element("div").classes("line queued"):
+                    ui.label(f"{place}. {one.skill_name} {one.skill_version} · {words(one.mode)}").classes("small")
+                    ui.space()
+                    ui.button(icon="close", on_click=lambda _, it=one: self.take_out(it)).props("flat round").props[
+                        "aria-label"
+                    ] = f"{words('Take out of the queue')} {place}"
 
-    async def show_trace(self, job_id: str, play: bool) -> None:
-        """Read what a run commanded and measured, and play it."""
-        traces: list[Any] = []
+    async def take_out(self, job: JobReport) -> None:
+        """Abort a job that waits."""
+        workstation = self.session.client.workstation(self.session.station_name)
+        await self.frame.asked(self.words("Abort"), lambda: workstation.abort(job.job_id))
+        self.session.look_again()
+
+    async def download(self, job_id: str) -> None:
+        """Give a run's commanded and measured path as a CSV file."""
+        if (trace := await self._trace(job_id)) is not None:
+            ui.download.content(trace_csv(trace), f"{job_id}.csv")
+
+    async def _trace(self, job_id: str) -> JobTrace | None:
+        traces: list[JobTrace] = []
 
         async def read() -> None:
             traces.append(await self.session.client.workstation(self.station).trace(job_id))
 
-        if await self.frame.asked(self.words("Read the trace"), read):
-            self.player.load(job_id, traces[0], play=play)
+        return traces[0] if await self.frame.asked(self.words("Read the trace"), read) else None
+
+    async def show_trace(self, job_id: str, play: bool) -> None:
+        """Read what a run commanded and measured, and play it."""
+        if (trace := await self._trace(job_id)) is not None:
+            self.player.load(job_id, trace, play=play)

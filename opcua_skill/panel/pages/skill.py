@@ -11,6 +11,7 @@ from models.demonstration import Edits
 from opcua_skill.client import Path, Skill
 from opcua_skill.panel.chart import ReviewChart, chart_data, packed_path, thinned
 from opcua_skill.panel.frame import Frame, choose
+from opcua_skill.panel.pages.comparison import Comparison
 from opcua_skill.panel.pages.demonstrations import DemonstrationList
 from opcua_skill.panel.pages.judging import Judging
 from opcua_skill.panel.review import Draft, Material, edits_of, instants_struck, largest_change
@@ -33,6 +34,11 @@ class Version:
     def verdicts(self) -> Mapping[str, Mapping[str, Any]]:
         """What learning said of each recording."""
         return {one["demonstrationId"]: one for one in self.skill.document.get("verdicts") or ()}
+
+    @property
+    def flagged_at(self) -> dict[str, float | None]:
+        """The recordings that learning found fault with, and where on them."""
+        return {name: self.verdicts[name].get("place") for name in self.flagged}
 
 
 async def read_version(session: PanelSession, name: str, number: int) -> Version:
@@ -112,12 +118,13 @@ class SkillPage:
                 self.demonstrations = DemonstrationList(self)
             with ui.element("div").classes("sheet stack"):
                 self._tools()
-                data = chart_data(words, version.skill, version.material, list(version.flagged))
+                data = chart_data(words, version.skill, version.material, version.flagged_at)
                 self.chart = ReviewChart(data, self.state, self._picked).classes("chart").props('data-mark="chart"')
                 self.chart.on("drawn", self.overlay)
                 self._editing()
             with ui.element("div").classes("stack"):
                 self.judging = Judging(self)
+        self.comparison = Comparison(self)
         self.refresh()
 
     def _tools(self) -> None:
@@ -160,7 +167,7 @@ class SkillPage:
             self.again = ui.button(words("Learn again"), on_click=self.learn_again).props("no-caps unelevated dense")
             self.again.props('data-mark="learn-again"').set_visibility(self.session.may("edit"))
         legend = (
-            "Grey: demonstrations · orange: flagged · dotted: left out · blue: learned · ✕: struck · "
+            "Grey: demonstrations · orange: flagged, ▲ where · dotted: left out · blue: learned · ✕: struck · "
             "red dashes: where the path is expected to go · grey dashes: before"
         )
         ui.label(words(legend)).classes("small soft")

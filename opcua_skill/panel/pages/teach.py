@@ -1,48 +1,25 @@
 """Teaching: draw on the plate, upload recordings, and have a skill learned from them."""
 
-import asyncio
+from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
 import numpy as np
 from nicegui import ui
-from nicegui.element import Element
-from nicegui.events import UploadEventArguments
 
 from models.demonstration import Demonstration
 from opcua_skill.client import JobReport, LearningOptions
-from opcua_skill.panel.frame import Frame
+from opcua_skill.panel.frame import Frame, choose
+from opcua_skill.panel.pages.recorder import RecorderSheet
+from opcua_skill.panel.pages.upload import UploadSheet
+from opcua_skill.panel.plate import Plate
 from opcua_skill.panel.shown import mm, percent, seconds
 from opcua_skill.panel.strokes import PLATE_MM, NotADemonstration, drawn, free_name
 
 LEARNING_LIMIT = 600.0
-MOST_POINTS = 400
+PRESETS = {"recommended": "recommended", "free": "anywhere, any size", "paper": "as published"}
 TYPES = ["Gluing", "Sealing", "Painting", "Soldering", "Deburring", "Polishing"]
-
-
-class Plate(Element, component=Path(__file__).parent.parent / "static" / "plate.js"):
-    """The plate in the browser."""
-
-    def __init__(self, width: float, height: float, *, drawing: bool) -> None:
-        super().__init__()
-        self._props.update(width=width, height=height, drawing=drawing)
-
-    def show(self, recordings: "list[tuple[Demonstration, bool]]") -> None:
-        """Draw recordings, and whether each is used."""
-        strokes = []
-        for one, used in recordings:
-            step = max(1, len(one.times) // MOST_POINTS)
-            points = np.round(1000.0 * one.points[::step, :2], 2)
-            strokes.append(
-                {
-                    "id": one.demonstration_id,
-                    "used": used,
-                    "points": points.tolist(),
-                }
-            )
-        self.run_method("show", strokes)
 
 
 @dataclass
@@ -69,163 +46,206 @@ class Taught:
 
 
 async def teach_page(frame: Frame) -> None:
-    """Show the plate, what was drawn or uploaded, and the way to a skill."""
-    words, session = frame.words, frame.session
-    taught = session.kept.setdefault("taught", Taught())
-    assert isinstance(taught, Taught)
-    may = session.may("learn")
-    if not may:
-        ui.label(words("Teaching needs the role teacher.")).classes("sheet check-bad")
+    """Show the plate, what was drawn, uploaded or recorded, and the way to a skill."""
+    TeachPage(frame)
 
-    def stroke(event: Any) -> None:
-        given = event.args
-        name = free_name([one.demonstration_id for one in taught.recordings])
-        try:
-            taught.add(drawn(name, session.user, given["t"], given["x"], given["y"]))
-        except NotADemonstration as wrong:
-            frame.tell(words(str(wrong)), bad=True)
-        show()
 
-    async def upload(event: UploadEventArguments) -> None:
-        from library.errors import ReaderError
-        from opcua_skill.panel.uploads import read_upload
+class TeachPage:
+    """The page as one browser sees it."""
 
-        content = await event.file.read()
-        try:
-            found = await asyncio.to_thread(read_upload, event.file.name, content)
-        except ReaderError as wrong:
-            frame.tell(str(wrong), bad=True)
-            return
-        for one in found:
-            taught.add(one)
-        frame.tell(f"{event.file.name}: {len(found)} {words('demonstrations')}")
-        show()
-
-    def clear() -> None:
-        taught.recordings.clear()
-        taught.left_out.clear()
-        show()
-
-    def keep(name: str, used: bool) -> None:
-        (taught.left_out.discard if used else taught.left_out.add)(name)
-        show()
-
-    def remove(name: str) -> None:
-        taught.recordings[:] = [one for one in taught.recordings if one.demonstration_id != name]
-        taught.left_out.discard(name)
-        show()
-
-    def tell_progress(one: JobReport) -> None:
-        told.text = f"{words('Learning …')} {percent(one.progress)}"
-
-    async def learn() -> None:
-        learning.disable()
-        told.text = words("Learning …")
-
-        async def work() -> None:
-            client = session.client
-            options = LearningOptions(preset=taught.preset)  # type: ignore[arg-type]
-            started = await client.learn(
-                taught.name.strip(), taught.used, semantic_type=taught.semantic_type.strip(), options=options
-            )
-            report = await client.follow(
-                started.job_id,
-                limit=LEARNING_LIMIT,
-                on_progress=tell_progress,
-            )
-            if report.state == "Completed":
-                name = taught.name.strip()
-                clear()
-                taught.name = ""
-                with frame.client:
-                    ui.navigate.to(f"/skill/{quote(name, safe='')}?version={report.skill_version}")
-            else:
-                frame.tell(f"{words('Learning ended')}: {words(report.state)}. {report.message}", bad=True)
-
-        await frame.asked(words("Learn"), work)
-        show()
-
-    with ui.element("div").classes("columns wide-left"):
-        with ui.element("div").classes("sheet stack"):
-            with ui.element("div").classes("line"):
-                ui.label(words("Draw on the plate")).classes("sheet-title")
-                size = f"{PLATE_MM[0]:.0f} × {PLATE_MM[1]:.0f} mm"
-                ui.label(
-                    f"{size}. {words('Each stroke is one demonstration: show the same movement three times or more.')}"
-                ).classes("small soft")
-            plate = Plate(*PLATE_MM, drawing=may).props('data-mark="plate"')
-            plate.on("stroke", stroke)
-        with ui.element("div").classes("stack"):
-            with ui.element("div").classes("sheet stack"):
-                ui.label(words("Upload recordings")).classes("sheet-title")
-                ui.upload(
-                    label=words("CSV, motion capture, ROS bag … (drop here)"),
-                    on_upload=upload,
-                    multiple=True,
-                    auto_upload=True,
-                    max_file_size=200_000_000,
-                ).props("flat bordered").classes("w-full").set_enabled(may)
+    def __init__(self, frame: Frame) -> None:
+        self.frame, self.words, self.session = frame, frame.words, frame.session
+        words = self.words
+        taught = self.session.kept.setdefault("taught", Taught())
+        assert isinstance(taught, Taught)
+        self.taught = taught
+        self.may = self.session.may("learn")
+        self.busy = False
+        if not self.may:
+            ui.label(words("Teaching needs the role teacher.")).classes("sheet check-bad")
+        with ui.element("div").classes("columns teach-columns"):
             with ui.element("div").classes("sheet stack"):
                 with ui.element("div").classes("line"):
-                    count = ui.label().classes("sheet-title").props('data-mark="count"')
-                    ui.space()
-                    ui.button(words("Discard all"), on_click=clear).props("no-caps flat dense")
-                listed = ui.element("div").classes("stack").style("max-height:24vh;overflow:auto;gap:0")
-            with ui.element("div").classes("sheet stack"):
-                ui.label(words("Learn a skill")).classes("sheet-title")
-                name = (
-                    ui.input(words("Name of the skill"))
-                    .props("dense outlined")
-                    .classes("w-full")
-                    .props('data-mark="skill-name"')
-                )
-                name.bind_value(taught, "name")
-                kind = (
-                    ui.input(words("What kind of skill"), autocomplete=TYPES).props("dense outlined").classes("w-full")
-                )
-                kind.bind_value(taught, "semantic_type")
-                ui.toggle({"recommended": words("recommended"), "paper": words("as published")}).props(
-                    "no-caps dense unelevated toggle-color=primary color=white text-color=dark"
-                ).classes("border rounded").bind_value(taught, "preset")
-                learning = ui.button(words("Learn"), on_click=learn).props("no-caps unelevated").classes("w-full")
-                learning.props('data-mark="learn"')
-                told = ui.label().classes("small soft").props('data-mark="told"')
+                    ui.label(words("Draw on the plate")).classes("sheet-title")
+                    size = f"{PLATE_MM[0]:.0f} × {PLATE_MM[1]:.0f} mm"
+                    told = words("Each stroke is one demonstration: show the same movement three times or more.")
+                    ui.label(f"{size}. {told}").classes("small soft")
+                self.plate = Plate(*PLATE_MM, drawing=self.may).props('data-mark="plate"')
+                self.plate.on("stroke", self._stroke)
+            with ui.element("div").classes("stack"):
+                with ui.element("div").classes("sheet stack"):
+                    self._list()
+                with ui.element("div").classes("sheet stack"):
+                    self._learning()
+            with ui.element("div").classes("stack"):
+                with ui.element("div").classes("sheet stack"):
+                    self.recorder = RecorderSheet(frame, self.plate, self._ready)
+                with ui.element("div").classes("sheet stack"):
+                    self.upload = UploadSheet(frame, self._take, lambda: self.taught.recordings)
+        self.show()
+        ui.timer(0.3, self.show, once=True)
 
-    def row(one: Demonstration) -> None:
-        label = one.demonstration_id
+    def _list(self) -> None:
+        words = self.words
+        with ui.element("div").classes("line"):
+            self.count = ui.label().classes("sheet-title").props('data-mark="count"')
+            ui.space()
+            ui.button(words("Discard all"), on_click=self._clear).props("no-caps flat dense")
+        self.listed = ui.element("div").classes("stack").style("max-height:24vh;overflow:auto;gap:0")
+
+    def _learning(self) -> None:
+        words, taught = self.words, self.taught
+        ui.label(words("Learn a skill")).classes("sheet-title")
+        name = ui.input(words("Name of the skill")).props('dense outlined data-mark="skill-name"').classes("w-full")
+        name.bind_value(taught, "name").on_value_change(self._ready)
+        kind = ui.input(words("What kind of skill"), autocomplete=TYPES).props("dense outlined").classes("w-full")
+        kind.bind_value(taught, "semantic_type")
+        presets = {key: words(label) for key, label in PRESETS.items()}
+        how = choose(presets, taught.preset, label=words("How to learn")).classes("w-full")
+        how.bind_value(taught, "preset")
+        self.learn_button = ui.button(words("Learn"), on_click=self.learn).props("no-caps unelevated").classes("w-full")
+        self.learn_button.props('data-mark="learn"')
+        self.learn_recorded = ui.button(words("Learn from the recording"), on_click=self.learn_from_recording)
+        self.learn_recorded.props('no-caps unelevated data-mark="learn-recorded"').classes("w-full")
+        self.told = ui.label().classes("small soft").props('data-mark="told"')
+
+    async def _stroke(self, event: Any) -> None:
+        given = event.args
+        name = free_name([one.demonstration_id for one in self.taught.recordings])
+        try:
+            stroke = drawn(name, self.session.user, given["t"], given["x"], given["y"])
+        except NotADemonstration as wrong:
+            self.frame.tell(self.words(str(wrong)), bad=True)
+            self.show()
+            return
+        if self.recorder.feeds():
+            await self.recorder.append(stroke)
+        else:
+            self.taught.add(stroke)
+        self.show()
+
+    def _take(self, found: Sequence[Demonstration]) -> None:
+        for one in found:
+            self.taught.add(one)
+        self.show()
+
+    def _clear(self) -> None:
+        self.taught.recordings.clear()
+        self.taught.left_out.clear()
+        self.show()
+
+    def _keep(self, name: str, used: bool) -> None:
+        (self.taught.left_out.discard if used else self.taught.left_out.add)(name)
+        self.show()
+
+    def _remove(self, name: str) -> None:
+        self.taught.recordings[:] = [one for one in self.taught.recordings if one.demonstration_id != name]
+        self.taught.left_out.discard(name)
+        self.show()
+
+    @property
+    def _options(self) -> LearningOptions:
+        return LearningOptions(preset=self.taught.preset)  # type: ignore[arg-type]
+
+    async def learn(self) -> None:
+        """Have a skill learned from what was drawn and uploaded."""
+        taught = self.taught
+
+        async def begin() -> str:
+            started = await self.session.client.learn(
+                taught.name.strip(), taught.used, semantic_type=taught.semantic_type.strip(), options=self._options
+            )
+            return started.job_id
+
+        if await self._follow(begin):
+            taught.recordings.clear()
+            taught.left_out.clear()
+
+    async def learn_from_recording(self) -> None:
+        """Have a skill learned from what a tracker has shown; the recording stays until it is discarded."""
+        taught, recording = self.taught, self.recorder.learnable
+
+        async def begin() -> str:
+            started = await self.recorder.recorder.learn(
+                recording, taught.name.strip(), taught.semantic_type.strip(), self._options
+            )
+            return started.job_id
+
+        await self._follow(begin)
+
+    async def _follow(self, begin: Callable[[], Awaitable[str]]) -> bool:
+        """Start a learning job, tell how far it is, and show the skill it made; return whether it made one."""
+        words, name = self.words, self.taught.name.strip()
+        made: list[int] = []
+        self.busy = True
+        self._ready()
+        self.told.text = words("Learning …")
+
+        def tell_progress(one: JobReport) -> None:
+            self.told.text = f"{words('Learning …')} {percent(one.progress)}"
+
+        async def work() -> None:
+            report = await self.session.client.follow(await begin(), limit=LEARNING_LIMIT, on_progress=tell_progress)
+            if report.state == "Completed":
+                made.append(report.skill_version)
+            else:
+                self.frame.tell(f"{words('Learning ended')}: {words(report.state)}. {report.message}", bad=True)
+
+        await self.frame.asked(words("Learn"), work)
+        self.busy = False
+        if made:
+            self.taught.name = ""
+            with self.frame.client:
+                ui.navigate.to(f"/skill/{quote(name, safe='')}?version={made[0]}")
+        else:
+            self.show()
+        return bool(made)
+
+    def _row(self, one: Demonstration) -> None:
+        label, words = one.demonstration_id, self.words
         finite = one.points[np.isfinite(one.points).all(axis=1)]
         length = float(np.sqrt((np.diff(finite, axis=0) ** 2).sum(axis=1)).sum())
-        with ui.element("div").classes("demo" + (" demo-excluded" if label in taught.left_out else "")):
+        with ui.element("div").classes("demo" + (" demo-excluded" if label in self.taught.left_out else "")):
             box = ui.checkbox(
-                value=label not in taught.left_out, on_change=lambda event: keep(label, bool(event.value))
+                value=label not in self.taught.left_out, on_change=lambda event: self._keep(label, bool(event.value))
             )
             box.props("dense").props["aria-label"] = f"{words('use')} {label}"
             ui.label(label).classes("demo-name")
             with ui.element("div").classes("line").style("width:auto;flex-wrap:nowrap;gap:4px"):
-                ui.label(f"{mm(length, 0)} · {seconds(float(one.times[-1]))}").classes("small mono")
-                ui.button(icon="close", on_click=lambda: remove(label)).props("flat dense round size=xs")
+                space = " · 3-D" if one.dimension == 3 else ""
+                ui.label(f"{mm(length, 0)} · {seconds(float(one.times[-1]))}{space}").classes("small mono")
+                ui.button(icon="close", on_click=lambda: self._remove(label)).props("flat round").props[
+                    "aria-label"
+                ] = f"{words('Discard')} {label}"
 
-    def show() -> None:
-        used = taught.used
-        plate.show([(one, one.demonstration_id not in taught.left_out) for one in taught.recordings])
-        count.text = f"{len(used)} {words('demonstrations')}"
-        listed.clear()
-        with listed:
+    def show(self) -> None:
+        """Show what there is to learn from."""
+        taught = self.taught
+        self.plate.show([(one, one.demonstration_id not in taught.left_out) for one in taught.recordings])
+        self.count.text = f"{len(taught.used)} {self.words('demonstrations')}"
+        self.listed.clear()
+        with self.listed:
             for one in taught.recordings:
-                row(one)
-        ready()
+                self._row(one)
+        self.upload.refresh()
+        self._ready()
 
-    def ready() -> None:
+    def _ready(self) -> None:
+        """Say what is still needed, and offer to learn from what there is."""
+        words, used = self.words, self.taught.used
+        recorded = hasattr(self, "recorder") and bool(self.recorder.learnable)
+        named = bool((self.taught.name or "").strip())
         missing = []
-        if len(taught.used) < 2:
+        if len(used) < 2:
             missing.append(words("two demonstrations or more"))
-        if len({one.dimension for one in taught.used}) > 1:
+        if len({one.dimension for one in used}) > 1:
             missing.append(words("demonstrations of one kind: all in the plane or all in space"))
-        if not (taught.name or "").strip():
+        if not named:
             missing.append(words("a name"))
-        told.text = f"{words('Still needed')}: {', '.join(missing)}" if missing else words("Ready to learn.")
-        learning.set_enabled(may and not missing)
-
-    name.on_value_change(ready)
-    show()
-    ui.timer(0.3, show, once=True)
+        if not self.busy:
+            needed = missing if not recorded or named else [words("a name")]
+            done = not needed or (recorded and named)
+            self.told.text = words("Ready to learn.") if done else f"{words('Still needed')}: {', '.join(needed)}"
+        self.learn_button.set_enabled(self.may and not missing and not self.busy)
+        self.learn_recorded.set_visibility(recorded)
+        self.learn_recorded.set_enabled(self.may and named and not self.busy)

@@ -1,34 +1,40 @@
-// Commanded and measured path of a run, from above and from the side; play, pause, scrub, and live while the arm moves.
+// Commanded and measured path of a run, from above and from the side, in space, and over time; play, pause, scrub, and
+// live while the arm moves. The view in space is drawn on a plain canvas: a panel PC without a graphics card is enough.
 import { echarts } from "nicegui-echart";
 
-const BLUE = "#1f5fa8", ORANGE = "#b45309", SOFT = "#9aa9b8";
-const GRIDS = [[0, 1], [0, 2]];
+const BLUE = "#1f5fa8", ORANGE = "#b45309", SOFT = "#9aa9b8", INK = "#5b6b7b";
+const PATHS = [[0, 1], [0, 2]], AXES = ["x (mm)", "y (mm)", "z (mm)"];
 
 export default {
   template: `<div style="display:flex;flex-direction:column;gap:8px;width:100%">
-    <div ref="chart" :style="{width: '100%', height: height}"></div>
+    <div style="position:relative;width:100%" :style="{height: height}">
+      <div ref="chart" style="position:absolute;inset:0" :style="{visibility: view === 'space' ? 'hidden' : 'visible'}"></div>
+      <canvas ref="space" style="position:absolute;inset:0;width:100%;height:100%;touch-action:none;cursor:grab" v-show="view === 'space'" data-mark="space"></canvas></div>
     <div style="display:flex;gap:10px;align-items:center;flex-wrap:nowrap">
-      <button ref="play" type="button" @click="toggle" style="min-width:52px;height:38px;border:1px solid #1f5fa8;border-radius:4px;color:#1f5fa8;font-size:16px" :disabled="!length">{{ playing ? '❚❚' : '▶' }}</button>
-      <input ref="scrub" type="range" min="0" :max="length" step="any" v-model.number="at" @input="playing = false; mark()" style="flex:1;height:30px" :disabled="!length" :aria-label="labels.time">
-      <select v-model.number="speed" style="height:38px;border:1px solid #d5dce4;border-radius:4px;padding:0 6px" :aria-label="labels.speed"><option :value="0.25">×¼</option><option :value="1">×1</option><option :value="4">×4</option></select>
+      <button ref="play" type="button" @click="toggle" class="player-button" :disabled="!length" :aria-label="labels.play">{{ playing ? '❚❚' : '▶' }}</button>
+      <input ref="scrub" type="range" min="0" :max="length" step="any" v-model.number="at" @input="playing = false; mark()" class="player-scrub" :disabled="!length" :aria-label="labels.time">
+      <select v-model.number="speed" class="player-speed" :aria-label="labels.speed"><option :value="0.25">×¼</option><option :value="1">×1</option><option :value="4">×4</option></select>
       <span style="font-variant-numeric:tabular-nums;min-width:112px;text-align:right">{{ at.toFixed(2) }} / {{ length.toFixed(2) }} s</span>
     </div>
     <div style="font-size:13px;color:#5b6b7b;min-height:18px" ref="told">{{ told }}</div></div>`,
   props: { labels: Object, height: String },
-  data() { return { playing: false, at: 0, length: 0, speed: 1, told: "" }; },
+  data() { return { playing: false, at: 0, length: 0, speed: 1, told: "", view: "paths" }; },
   async mounted() {
     await new Promise((done) => setTimeout(done, 0));
     this.run = null;
     this.planned = [];
     this.trail = [];
+    this.now = null;
+    this.azimuth = -0.6; this.height3 = 0.45;
     this.chart = echarts.init(this.$refs.chart);
-    this.observer = new ResizeObserver(() => { this.chart.resize(); this.fit(); });
+    this.observer = new ResizeObserver(() => { this.chart.resize(); this.fit(); this.drawSpace(); });
     this.observer.observe(this.$refs.chart);
     this.key = (e) => {
       const typing = ["INPUT", "TEXTAREA", "SELECT", "BUTTON"].includes(document.activeElement?.tagName) && document.activeElement !== this.$refs.scrub && document.activeElement !== this.$refs.play;
       if (e.code === "Space" && !typing && this.length) { e.preventDefault(); this.$refs.play.blur(); this.toggle(); }
     };
     document.addEventListener("keydown", this.key);
+    this.listen();
     this.draw();
     this.$emit("drawn", {});
   },
@@ -49,7 +55,8 @@ export default {
       if (run.play) { this.playing = false; this.toggle(); }
     },
     plan(points) { this.planned = points; if (!this.run) this.draw(); },
-    begin() { this.run = null; this.playing = false; this.length = 0; this.at = 0; this.trail = []; this.told = ""; this.draw(); },
+    look(view) { this.view = view; this.$el.dataset.view = view; this.draw(); },
+    begin() { this.run = null; this.playing = false; this.length = 0; this.at = 0; this.trail = []; this.told = ""; this.now = null; this.draw(); },
     live(point) { if (this.run) return; this.trail.push(point); this.update(point); this.fit(); },
     pause() { this.playing = false; },
     toggle() {
@@ -72,41 +79,121 @@ export default {
       while (low < high) { const mid = (low + high + 1) >> 1; if (t[mid] <= this.at) low = mid; else high = mid - 1; }
       return low;
     },
+    away(i) { const m = this.run.measured[i], c = this.run.commanded[i]; return Math.hypot(m[0] - c[0], m[1] - c[1], m[2] - c[2]); },
     mark() {
       if (!this.run || !this.run.times.length) return;
-      const i = this.index(), m = this.run.measured[i], c = this.run.commanded[i];
-      const away = Math.hypot(m[0] - c[0], m[1] - c[1], m[2] - c[2]);
-      this.told = `x ${m[0].toFixed(1)}  y ${m[1].toFixed(1)}  z ${m[2].toFixed(1)} mm · ${this.labels.away} ${away.toFixed(3)} mm`;
+      const i = this.index(), m = this.run.measured[i];
+      this.told = `x ${m[0].toFixed(1)}  y ${m[1].toFixed(1)}  z ${m[2].toFixed(1)} mm · ${this.labels.away} ${this.away(i).toFixed(3)} mm`;
       this.update(m);
     },
     update(point) {
-      this.chart.setOption({ series: GRIDS.flatMap(([x, y], g) => [
+      this.now = point;
+      if (this.view === "space") { this.drawSpace(); return; }
+      if (this.view === "time") {
+        if (this.run) this.chart.setOption({ series: [0, 1, 2, 3].map((g) => ({ id: `now${g}`, markLine: { data: [{ xAxis: this.at }] } })) });
+        return;
+      }
+      this.chart.setOption({ series: PATHS.flatMap(([x, y], g) => [
         { id: `tip${g}`, data: point ? [[point[x], point[y]]] : [] },
         { id: `trail${g}`, data: this.run ? [] : this.trail.map((p) => [p[x], p[y]]) }]) });
     },
     points() { return this.run ? [...this.run.commanded, ...this.run.measured] : [...this.planned, ...this.trail]; },
+    axis(name, g, vertical) {
+      return { type: "value", gridIndex: g, name, nameLocation: "middle", nameGap: vertical ? 42 : 26, scale: true, axisLine: { onZero: false, show: true, lineStyle: { color: INK } },
+        splitLine: { lineStyle: { color: "#e8ecf0" } }, axisLabel: { showMinLabel: false, showMaxLabel: false } };
+    },
+    line(id, g, data, lineStyle, z) { return { id: `${id}${g}`, type: "line", xAxisIndex: g, yAxisIndex: g, showSymbol: false, silent: true, animation: false, z, lineStyle, data }; },
     draw() {
-      const line = (id, g, data, lineStyle, z) => ({ id: `${id}${g}`, type: "line", xAxisIndex: g, yAxisIndex: g, showSymbol: false, silent: true, animation: false, z, lineStyle, data });
-      const cut = (points, g) => points.map((p) => [p[GRIDS[g][0]], p[GRIDS[g][1]]]);
-      const names = ["x (mm)", "y (mm)", "z (mm)"];
+      if (this.view === "space") this.drawSpace(); else if (this.view === "time") this.drawTime(); else this.drawPaths();
+      if (this.run) this.mark();
+    },
+    drawPaths() {
+      const cut = (points, g) => points.map((p) => [p[PATHS[g][0]], p[PATHS[g][1]]]);
       this.chart.setOption({ animation: false,
         grid: [{}, {}],
-        xAxis: GRIDS.map(([x], g) => ({ type: "value", gridIndex: g, name: names[x], nameLocation: "middle", nameGap: 26, scale: true, axisLine: { onZero: false, lineStyle: { color: "#5b6b7b" } }, splitLine: { lineStyle: { color: "#e8ecf0" } }, axisLabel: { showMinLabel: false, showMaxLabel: false } })),
-        yAxis: GRIDS.map(([, y], g) => ({ type: "value", gridIndex: g, name: names[y], nameLocation: "middle", nameGap: 42, scale: true, axisLine: { onZero: false, show: true, lineStyle: { color: "#5b6b7b" } }, splitLine: { lineStyle: { color: "#e8ecf0" } }, axisLabel: { showMinLabel: false, showMaxLabel: false } })),
+        xAxis: PATHS.map(([x], g) => this.axis(AXES[x], g, false)),
+        yAxis: PATHS.map(([, y], g) => this.axis(AXES[y], g, true)),
         series: [0, 1].flatMap((g) => [
-          line("planned", g, this.run ? [] : cut(this.planned, g), { color: SOFT, width: 2, type: "dashed" }, 1),
-          line("commanded", g, this.run ? cut(this.run.commanded, g) : [], { color: BLUE, width: 4, opacity: 0.45 }, 2),
-          line("measured", g, this.run ? cut(this.run.measured, g) : [], { color: ORANGE, width: 1.5 }, 3),
+          this.line("planned", g, this.run ? [] : cut(this.planned, g), { color: SOFT, width: 2, type: "dashed" }, 1),
+          this.line("commanded", g, this.run ? cut(this.run.commanded, g) : [], { color: BLUE, width: 4, opacity: 0.45 }, 2),
+          this.line("measured", g, this.run ? cut(this.run.measured, g) : [], { color: ORANGE, width: 1.5 }, 3),
           // single readings, not a line: between two of them nobody looked, and a line would seem to cut corners
           { id: `trail${g}`, type: "scatter", xAxisIndex: g, yAxisIndex: g, silent: true, animation: false, z: 3, symbolSize: 5, itemStyle: { color: ORANGE }, data: this.run ? [] : cut(this.trail, g) },
           { id: `tip${g}`, type: "scatter", xAxisIndex: g, yAxisIndex: g, silent: true, animation: false, z: 9, symbolSize: 15, itemStyle: { color: ORANGE, borderColor: "white", borderWidth: 2 }, data: [] }]) }, { notMerge: true });
       this.fit();
-      if (this.run) this.mark();
+    },
+    drawTime() {
+      const run = this.run, rows = [0, 1, 2, 3], height = this.chart.getHeight();
+      const over = (points, k) => run ? run.times.map((t, i) => [t, points[i][k]]) : [];
+      this.chart.setOption({ animation: false,
+        grid: rows.map((g) => ({ left: 64, right: 16, top: 8 + (g * (height - 44)) / 4, height: (height - 44) / 4 - 16 })),
+        xAxis: rows.map((g) => ({ ...this.axis(g === 3 ? `${this.labels.time} (s)` : "", g, false), min: 0, max: run ? this.length : 1, axisLabel: { show: g === 3 } })),
+        yAxis: rows.map((g) => ({ ...this.axis(g === 3 ? this.labels.error : AXES[g], g, true), splitNumber: 3, scale: g < 3 })),
+        series: rows.flatMap((g) => [
+          ...(g < 3 ? [this.line("commanded", g, over(run?.commanded, g), { color: BLUE, width: 4, opacity: 0.45 }, 2), this.line("measured", g, over(run?.measured, g), { color: ORANGE, width: 1.5 }, 3)]
+            : [this.line("error", g, run ? run.times.map((t, i) => [t, this.away(i)]) : [], { color: ORANGE, width: 1.5 }, 3)]),
+          { ...this.line("now", g, [], {}, 9), markLine: { silent: true, symbol: "none", animation: false, label: { show: false }, lineStyle: { color: INK, type: "solid" }, data: run ? [{ xAxis: this.at }] : [] } }]) }, { notMerge: true });
+    },
+    // The view in space: turned about the vertical and tipped, with equal scales, seen from far away.
+    listen() {
+      const canvas = this.$refs.space;
+      let from = null;
+      canvas.addEventListener("pointerdown", (e) => { from = [e.clientX, e.clientY]; canvas.setPointerCapture(e.pointerId); });
+      canvas.addEventListener("pointermove", (e) => {
+        if (!from) return;
+        this.azimuth -= (e.clientX - from[0]) / 150;
+        this.height3 = Math.max(-0.1, Math.min(1.57, this.height3 + (e.clientY - from[1]) / 150));
+        from = [e.clientX, e.clientY];
+        this.$el.dataset.turned = this.azimuth.toFixed(3);
+        this.drawSpace();
+      });
+      for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, () => { from = null; });
+    },
+    seen([x, y, z]) {
+      const c = Math.cos(this.azimuth), s = Math.sin(this.azimuth), across = c * x - s * y, deep = s * x + c * y;
+      return [across, z * Math.cos(this.height3) + deep * Math.sin(this.height3)];
+    },
+    drawSpace() {
+      const canvas = this.$refs.space;
+      if (this.view !== "space" || !canvas) return;
+      const wide = canvas.clientWidth, high = canvas.clientHeight, ratio = window.devicePixelRatio || 1;
+      if (!wide || !high) return;
+      canvas.width = Math.round(wide * ratio); canvas.height = Math.round(high * ratio);
+      const c = canvas.getContext("2d");
+      c.setTransform(ratio, 0, 0, ratio, 0, 0);
+      c.clearRect(0, 0, wide, high);
+      const points = this.points();
+      const span = Math.max(100, ...points.slice(0, 4000).map((p) => Math.max(Math.abs(p[0]), Math.abs(p[1]))));
+      const floor = Math.ceil(span / 100) * 100, around = [[0, 0, 0], ...points];
+      const low = [Infinity, Infinity], up = [-Infinity, -Infinity];
+      for (const p of around) this.seen(p).forEach((v, k) => { low[k] = Math.min(low[k], v); up[k] = Math.max(up[k], v); });
+      const scale = Math.min((wide - 80) / Math.max(up[0] - low[0], 100), (high - 60) / Math.max(up[1] - low[1], 100));
+      const px = (p) => { const [a, b] = this.seen(p); return [wide / 2 + scale * (a - (low[0] + up[0]) / 2), high / 2 - scale * (b - (low[1] + up[1]) / 2)]; };
+      const stroke = (list, colour, width, dash = []) => {
+        c.beginPath(); c.strokeStyle = colour; c.lineWidth = width; c.setLineDash(dash); c.lineJoin = "round"; c.lineCap = "round";
+        list.forEach((p, i) => { if (i) c.lineTo(...px(p)); else c.moveTo(...px(p)); });
+        c.stroke(); c.setLineDash([]);
+      };
+      for (let g = -floor; g <= floor; g += 100) { stroke([[g, -floor, 0], [g, floor, 0]], "#e3e9ef", 1); stroke([[-floor, g, 0], [floor, g, 0]], "#e3e9ef", 1); }
+      c.font = "13px Roboto, sans-serif"; c.fillStyle = INK;
+      c.fillText(this.labels.turn, 8, high - 8);
+      [[[100, 0, 0], "x"], [[0, 100, 0], "y"], [[0, 0, 100], "z"]].forEach(([tip, name]) => { stroke([[0, 0, 0], tip], INK, 2); c.fillText(name, ...px(tip).map((v, k) => v + (k ? -4 : 4))); });
+      if (this.run) { stroke(this.run.commanded, "rgba(31,95,168,0.45)", 4); stroke(this.run.measured, ORANGE, 1.5); } else stroke(this.planned, SOFT, 2, [6, 5]);
+      c.fillStyle = ORANGE;
+      if (!this.run) for (const p of this.trail) { const [a, b] = px(p); c.beginPath(); c.arc(a, b, 2.5, 0, 7); c.fill(); }
+      if (this.now) {
+        // the nozzle's tip, and how high it is above the base's plane; how the tool is turned is not in the record
+        const [x, y, z] = this.now;
+        stroke([[x, y, 0], [x, y, z]], SOFT, 1, [3, 4]);
+        const [a, b] = px(this.now);
+        c.beginPath(); c.arc(a, b, 7, 0, 7); c.fill(); c.lineWidth = 2; c.strokeStyle = "white"; c.stroke();
+      }
     },
     fit() {
+      if (this.view !== "paths") { if (this.view === "time") this.drawTime(); return; }
       const points = this.points(), all = this.chart.getWidth(), height = this.chart.getHeight() - 58, width = all / 2 - 78;
       if (width < 10 || height < 10) return;
-      const axes = GRIDS.map(([x, y], g) => {
+      const axes = PATHS.map(([x, y], g) => {
         const low = [Infinity, Infinity], high = [-Infinity, -Infinity];
         for (const p of points) [x, y].forEach((k, i) => { if (p[k] < low[i]) low[i] = p[k]; if (p[k] > high[i]) high[i] = p[k]; });
         if (!points.length) { low.fill(0); high.fill(100); }

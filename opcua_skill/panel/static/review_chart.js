@@ -38,7 +38,7 @@ export default {
     load(data) {
       this.info = data;
       const d = data.dimension;
-      const unpack = (line) => ({ id: line.id, flagged: line.flagged, used: line.used,
+      const unpack = (line) => ({ id: line.id, flagged: line.flagged, used: line.used, place: line.place,
         raw: { points: floats(line.raw), clock: floats(line.raw_clock) },
         aligned: { points: floats(line.aligned), clock: floats(line.aligned_clock) } });
       this.lines = data.lines.map(unpack);
@@ -95,6 +95,9 @@ export default {
         series.push(this.polygons(`parts${g}`, g, this.current.components && (side || this.current.mode === "aligned") ? shapes.components || [] : [],
           { fill: "rgba(31,95,168,0.10)", stroke: BLUE, lineWidth: 1.2 }, 3));
         const learned = side || this.current.mode === "aligned" ? this.flat(this.path, grid, this.path.clock.length) : [];
+        const places = this.lines.filter((line) => line.place).map((line) => [line[this.current.mode], line.place[this.current.mode]]);
+        series.push({ xAxisIndex: g, yAxisIndex: g, id: `places${g}`, type: "scatter", silent: true, animation: false, z: 7, symbol: "triangle", symbolSize: 15,
+          itemStyle: { color: FLAG, borderColor: "white", borderWidth: 1.5 }, data: places.map(([set, i]) => [this.value(set, i, grid.x), this.value(set, i, grid.y)]) });
         series.push({ ...shared, id: `learned${g}`, z: 5, lineStyle: { color: BLUE, width: 3 }, data: learned });
       });
       const width = this.chart.getWidth(), height = this.chart.getHeight();

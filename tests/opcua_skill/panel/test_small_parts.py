@@ -13,8 +13,8 @@ from opcua_skill.client import Path as LearnedPath
 from opcua_skill.client import Recipe
 from opcua_skill.panel.app import Address
 from opcua_skill.panel.frame import may_move, stopped
-from opcua_skill.panel.pages.recipes import FIELDS
 from opcua_skill.panel.player import in_base
+from opcua_skill.panel.recipe_fields import FIELDS
 from opcua_skill.panel.session import PanelSession, Station
 from opcua_skill.panel.sessions import Sessions
 from opcua_skill.panel.shown import mm, percent, state_tag
@@ -124,11 +124,11 @@ async def test_a_session_ends_some_time_after_its_last_page(monkeypatch: pytest.
 
 def test_every_number_of_a_recipe_is_shown_with_unit_and_range() -> None:
     recipe = Recipe("r", "s", time_step=0.008, speed=0.05, dispense_lead=-0.02)
-    shown = {field.name: field.shown(recipe) for field in FIELDS}
+    shown = {field.name: field.shown(getattr(recipe, field.name)) for field in FIELDS}
     assert (shown["time_step"], shown["speed"], shown["dispense_lead"]) == (8.0, 50.0, -20.0)
     step = FIELDS[0]
     assert step.fault(8) == ""
-    assert step.fault(None) == step.fault(0.1) == "0.5 … 100 ms"
+    assert step.fault(None) == step.fault(0.1) == "0.5 … 100\u00a0ms"
 
 
 def test_a_part_turned_by_a_quarter_turns_the_path() -> None:
@@ -141,4 +141,4 @@ def test_a_part_turned_by_a_quarter_turns_the_path() -> None:
 def test_states_are_said_with_a_sign_and_escaped() -> None:
     assert "✓ Freigegeben" in state_tag(Words("de"), "Approved")
     assert "<b>" not in state_tag(Words("en"), "<b>x</b>")
-    assert (mm(float("nan")), mm(0.0012), percent(0.5)) == ("–", "1.20 mm", "50 %")
+    assert (mm(float("nan")), mm(0.0012), percent(0.5)) == ("–", "1.20\u00a0mm", "50\u00a0%")

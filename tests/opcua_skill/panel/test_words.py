@@ -5,12 +5,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from opcua_skill.client.values import ENDED
-from opcua_skill.panel import frame
+from opcua_skill.panel import comparing, frame, recipe_fields
 from opcua_skill.panel.german import GERMAN
-from opcua_skill.panel.pages import library, recipes, run
+from opcua_skill.panel.pages import arm, comparison, library, recipe_form, run, teach, upload
 from opcua_skill.panel.shown import STATE_SIGNS
 from opcua_skill.panel.strokes import NotADemonstration
 from opcua_skill.panel.words import Words, language_of
+from opcua_skill.stack.access import Role
 
 PANEL = Path(frame.__file__).parent
 
@@ -26,7 +27,7 @@ def said(file: Path) -> Iterator[str]:
         if not isinstance(node, ast.Call):
             continue
         name = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
-        if name in ("words", NotADemonstration.__name__):
+        if name in ("words", "_part", NotADemonstration.__name__):
             yield from texts(node.args[0])
 
 
@@ -48,9 +49,20 @@ def tables() -> Iterator[str]:
     yield from library.STATES
     yield from run.MODES
     yield from ENDED
-    yield from recipes.TIMINGS
-    yield from recipes.TIMINGS.values()
-    for field in recipes.FIELDS:
+    yield from run.VIEWS.values()
+    yield from recipe_form.TIMINGS
+    yield from recipe_form.TIMINGS.values()
+    yield from recipe_form.CHOICE_WORDS.values()
+    yield from recipe_fields.LABELS.values()
+    yield from (figure.label for figure in comparing.FIGURES)
+    yield from (label for _, label, _ in comparing.CHANGES)
+    yield from comparison.SIGNS
+    yield from (arm.OURS, arm.FREE)
+    yield from teach.PRESETS
+    yield from teach.PRESETS.values()
+    yield from upload.ASKED.values()
+    yield from (role.value for role in Role)
+    for field in (*recipe_fields.FIELDS, *recipe_fields.PLACE_FIELDS, *recipe_fields.TURN_FIELDS):
         yield field.label
         if field.hint:
             yield field.hint

@@ -1,0 +1,110 @@
+"""Uploading recordings: what a file leaves open is asked for; what is wrong with it is told with line and remedy."""
+
+import asyncio
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from nicegui import ui
+from nicegui.events import UploadEventArguments
+
+from library.errors import ChoiceNeeded, LibraryError, ReaderError
+from library.readers import Choices, common_plane, onto_plane
+from models.demonstration import Demonstration
+from opcua_skill.panel.frame import Frame, choose
+from opcua_skill.panel.shown import mm
+from opcua_skill.panel.uploads import LARGEST, plain_sentence, read_upload
+
+UNITS = ("", "mm", "cm", "m")
+AXES = ("", "x", "y", "z")
+ASKED = {
+    "marker": "Marker or body",
+    "up_axis": "Axis that points up",
+    "unit": "Unit of the positions",
+    "topic": "Topic",
+}
+
+
+class UploadSheet:
+    """The sheet on the teach page. ``take`` gets what was read; ``taken`` are the recordings there are."""
+
+    def __init__(
+        self, frame: Frame, take: Callable[[Sequence[Demonstration]], None], taken: Callable[[], list[Demonstration]]
+    ) -> None:
+        self.frame, self.words, self.take, self.taken = frame, frame.words, take, taken
+        self.waiting: list[tuple[str, bytes, Choices]] = []
+        words = self.words
+        ui.label(words("Upload recordings")).classes("sheet-title")
+        may = frame.session.may("learn")
+        upload = ui.upload(
+            label=words("CSV, motion capture, ROS bag … (drop here)"),
+            on_upload=self._given,
+            multiple=True,
+            auto_upload=True,
+            max_file_size=LARGEST,
+        )
+        upload.props('flat bordered data-mark="upload"').classes("w-full").set_enabled(may)
+        with ui.element("div").classes("line"):
+            told = words("as in the file")
+            self.unit = choose({one: one or told for one in UNITS}, "", label=words("Unit")).classes("half")
+            self.up = choose({one: one or told for one in AXES}, "", label=words("Up is")).classes("half")
+        self.wrong = ui.label().classes("check-bad small").props('data-mark="upload-refusal"')
+        self.asking = ui.element("div").classes("stack").props('data-mark="upload-choice"')
+        self.flat = ui.button(words("Lay into their plane (2-D)"), icon="layers", on_click=self._flatten)
+        self.flat.props('no-caps outline dense data-mark="flatten"')
+        self.refresh()
+
+    def refresh(self) -> None:
+        """Offer the plane while there are recordings in space."""
+        self.flat.set_visibility(any(one.dimension == 3 for one in self.taken()))
+
+    async def _given(self, event: UploadEventArguments) -> None:
+        content = await event.file.read()
+        self.wrong.text = ""
+        await self._read(event.file.name, content, Choices(unit=self.unit.value or "", up_axis=self.up.value or ""))
+
+    async def _read(self, name: str, content: bytes, choices: Choices) -> None:
+        try:
+            found = await asyncio.to_thread(read_upload, name, content, choices)
+        except ChoiceNeeded as needed:
+            self._ask(name, content, choices, needed)
+            return
+        except ReaderError as wrong:
+            self.wrong.text = f"✕ {plain_sentence(wrong)}"
+            return
+        self.take(found)
+        self.frame.tell(f"{name}: {len(found)} {self.words('demonstrations')}")
+        self.refresh()
+
+    def _ask(self, name: str, content: bytes, choices: Choices, needed: ChoiceNeeded) -> None:
+        """Ask in place for what a file leaves open; other files can be chosen meanwhile."""
+        words = self.words
+        with self.asking, ui.element("div").classes("asked") as asked:
+            ui.label(f"? {plain_sentence(needed)}").classes("small")
+
+            async def chosen(value: str) -> None:
+                asked.delete()
+                await self._read(name, content, replace(choices, **{needed.choice: value}))
+
+            label = words(ASKED.get(needed.choice, needed.choice))
+            if needed.options:
+                options = {one: one for one in needed.options}
+                choose(options, None, lambda event: chosen(event.value), label).props('data-mark="choice"')
+            else:
+                typed = ui.input(label).props("dense outlined")
+                ui.button(words("Read it"), on_click=lambda: chosen(typed.value or "")).props("no-caps outline dense")
+            ui.button(words("Leave this file out"), on_click=asked.delete).props("no-caps flat dense")
+
+    def _flatten(self) -> None:
+        """Turn recordings in space into recordings in the one plane that is nearest to all of them."""
+        words, recordings = self.words, self.taken()
+        in_space = [one for one in recordings if one.dimension == 3]
+        try:
+            plane = common_plane(in_space)
+            laid = iter(onto_plane(in_space, plane))
+        except LibraryError as wrong:
+            self.wrong.text = f"✕ {wrong}"
+            return
+        recordings[:] = [next(laid) if one.dimension == 3 else one for one in recordings]
+        self.frame.tell(f"{words('Laid into their plane; they were away from it by')} {mm(plane.deviation)} (RMS)")
+        self.take([])
+        self.refresh()

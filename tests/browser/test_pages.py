@@ -1,0 +1,75 @@
+"""Every page on panel PC and tablet: it fits, fingers hit what they want, Stop motion is there; the audit trail."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.browser.conftest import PANEL_PC, TABLET, Screens
+from tests.browser.test_review import teach
+
+pytestmark = pytest.mark.browser
+FINGER = 44
+PRESSED = "a, button, input:not([type=file]), [role=button], [role=checkbox], .q-field__control, [role=combobox]"
+TOO_SMALL = """(pressed) => {
+  const inside = (one) => one.closest('.q-field__control') || one.closest('.q-uploader');
+  const seen = (one) => one.offsetParent && getComputedStyle(one).visibility !== 'hidden';
+  const size = (one) => (one.closest('.q-checkbox') || one.closest('.q-slider') || one).getBoundingClientRect();
+  return [...document.querySelectorAll(pressed)].filter((one) => seen(one) && !inside(one))
+    .map((one) => [one, size(one)]).filter(([, box]) => box.width > 0 && Math.min(box.width, box.height) < 43.5)
+    .map(([one, box]) => `${one.className} ${one.textContent.slice(0, 20)} ${box.width} x ${box.height}`);
+}"""
+
+
+@pytest.fixture(scope="module")
+def skill(plant: Any) -> str:
+    teach(plant, "every-page")
+    return "every-page"
+
+
+@pytest.mark.parametrize("viewport", [PANEL_PC, TABLET], ids=["panel-pc", "tablet"])
+def test_every_page_fits_and_a_finger_hits_what_it_wants(
+    screens: Screens, skill: str, viewport: dict[str, int], tmp_path: Path
+) -> None:
+    screen = screens.sign_in("engineer", "/", viewport=viewport, has_touch=True)
+    found: list[str] = []
+    for path in (
+        "/",
+        f"/skill/{skill}",
+        "/teach",
+        f"/run?skill={skill}",
+        f"/recipes?skill={skill}",
+        "/records",
+        "/audit",
+    ):
+        screen.go(path)
+        screen.page.locator("[data-mark='connection']", has_text="connected").wait_for()
+        if path.startswith("/skill"):
+            screen.chart()
+            screen.picture(f"skill-{viewport['width']}", tmp_path)
+        wide = screen.page.evaluate("document.documentElement.scrollWidth")
+        if wide > viewport["width"]:
+            found.append(f"{path} is {wide} px wide")
+        stop = screen.page.locator(".stop-motion").bounding_box()
+        assert stop is not None
+        if stop["x"] < 0 or stop["x"] + stop["width"] > viewport["width"] or stop["y"] > 100:
+            found.append(f"Stop motion is out of sight on {path}")
+        screen.page.mouse.wheel(0, 2000)
+        assert screen.page.locator(".stop-motion").bounding_box() == stop, "Stop motion stays where it is"
+        found += [f"{path}: {one}" for one in screen.page.evaluate(TOO_SMALL, PRESSED)]
+        pressed = screen.page.locator(PRESSED).count()
+        assert pressed > 6, f"only {pressed} things to press on {path}?"
+    assert not found, "\n".join(found)
+
+
+def test_who_did_what_is_read_by_engineers_and_refused_to_others_in_words(
+    screens: Screens, skill: str, tmp_path: Path
+) -> None:
+    screen = screens.sign_in("engineer", "/audit")
+    line = screen.marked("audit").locator("tr", has_text="LearnFromDemonstration").first
+    line.get_by_text("teacher").first.wait_for()
+    line.get_by_text("✓ done").wait_for()
+    screen.picture("audit", tmp_path)
+    other = screens.sign_in("mes", "/audit")
+    other.marked("audit-refusal").get_by_text("The audit trail is for engineers and administrators").wait_for()
+    assert other.marked("audit").locator("td").count() == 0

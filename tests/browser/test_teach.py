@@ -1,0 +1,113 @@
+"""Teaching without a mouse: finger and pen, files that leave something open, and a tracker seen while it records."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from models.people import simulated_people
+from tests.browser.conftest import TABLET, Screens, away_from_the_browser
+from tests.browser.test_run import stroke
+
+pytestmark = pytest.mark.browser
+
+
+@pytest.mark.parametrize("pointer", ["touch", "pen"])
+def test_finger_and_pen_draw_demonstrations_on_a_tablet(screens: Screens, pointer: str, tmp_path: Path) -> None:
+    screen = screens.sign_in("teacher", "/teach", viewport=TABLET, has_touch=True)
+    screen.page.wait_for_selector("canvas.plate")
+    screen.button("Discard all").first.click()
+    assert screen.page.locator("canvas.plate").evaluate("(one) => getComputedStyle(one).touchAction") == "none"
+    for number, shake in enumerate((0.0, 0.01), start=1):
+        screen.touch(stroke(shake), pointer)
+        screen.page.locator("[data-mark='count']", has_text=f"{number} demonstrations").wait_for()
+    screen.picture("tablet", tmp_path)
+    screen.button("Discard all").first.click()
+    screen.page.locator("[data-mark='count']", has_text="0 demonstrations").wait_for()
+
+
+def nexus(folder: Path) -> Path:
+    """Write a file as Vicon Nexus does, with two markers."""
+    lines = [
+        "Trajectories",
+        "100",
+        ",,Subject:tip,,,Subject:hand,,",
+        "Frame,Sub Frame,X,Y,Z,X,Y,Z",
+        ",,mm,mm,mm,mm,mm,mm",
+    ]
+    for frame in range(200):
+        x, y = 10 + 0.2 * frame, 40 + 20 * math.sin(frame / 30)
+        lines.append(f"{frame + 1},0,{x:.3f},{y:.3f},5.0,{x + 30:.3f},{y:.3f},90.0")
+    file = folder / "two-markers.csv"
+    file.write_text("\n".join(lines) + "\n\n", encoding="utf-8")
+    return file
+
+
+def test_a_file_that_leaves_something_open_asks_and_a_wrong_one_is_told_with_its_line(
+    screens: Screens, tmp_path: Path
+) -> None:
+    screen = screens.sign_in("teacher", "/teach")
+    screen.page.wait_for_selector("canvas.plate")
+    files = screen.marked("upload").locator("input[type=file]")
+    wrong = tmp_path / "wrong.csv"
+    wrong.write_text("t,x_mm,y_mm\n0,1,2\n0.1,1,two\n0.2,1,3\n", encoding="utf-8")
+    files.set_input_files(wrong)
+    refusal = screen.marked("upload-refusal")
+    refusal.get_by_text("wrong.csv, line 3").wait_for()
+    assert "/tmp" not in refusal.inner_text()
+    files.set_input_files(nexus(tmp_path))
+    asked = screen.marked("upload-choice")
+    asked.get_by_text("two-markers.csv").wait_for()
+    screen.picture("choice", tmp_path)
+    screen.marked("choice").click()
+    screen.page.get_by_role("option", name="tip").click()
+    screen.page.locator("[data-mark='count']", has_text="1 demonstrations").wait_for()
+    screen.marked("flatten").click()
+    screen.says("Laid into their plane; they were away from it by 0.00.mm")
+    screen.button("Discard all").last.click()
+
+
+async def feed(plant: Any, pieces: int) -> None:
+    """Send what a tracker would: two people, the button pressed while each shows the movement."""
+    async with plant.sign_in("teacher") as client:
+        recorder = client.workstation("ws1").recorder
+        recording = await recorder.start(2, "Tina", "test tracker")
+        clock = 0.0
+        for one in simulated_people(pieces, seed=9)[0]:
+            for first in range(0, len(one.times), 200):
+                part = slice(first, first + 200)
+                pressed = np.ones(len(one.times[part]), dtype=bool)
+                await recorder.append(recording, clock + one.times[part], one.points[part], pressed)
+            clock += float(one.times[-1])
+            after = clock + np.array([0.1, 0.2, 0.3])
+            await recorder.append(recording, after, np.repeat(one.points[-1:], 3, axis=0), [False] * 3)
+            clock = float(after[-1]) + 0.1
+        # the connection ends here: the recording is closed, and stays
+
+
+def test_a_tracker_is_seen_while_it_records_and_a_skill_is_learned_from_it(
+    plant: Any, screens: Screens, tmp_path: Path
+) -> None:
+    screen = screens.sign_in("teacher", "/teach")
+    screen.page.wait_for_selector("canvas.plate")
+    screen.marked("record-start").click()
+    screen.marked("recorder-state").get_by_text("● recording").wait_for()
+    screen.draw(stroke(0.0))
+    screen.page.wait_for_function("parseInt(document.querySelector('canvas.plate').dataset.pressed) > 8")
+    screen.marked("recorder-told").get_by_text("1 demonstrations").wait_for()
+    screen.marked("record-discard").click()
+    screen.marked("recorder-state").get_by_text("○ nothing is being recorded").wait_for()
+
+    away_from_the_browser(lambda: feed(plant, 3))
+    screen.marked("recorder-told").get_by_text("3 demonstrations").wait_for()
+    screen.page.wait_for_function("parseInt(document.querySelector('canvas.plate').dataset.pressed) > 1000")
+    screen.page.get_by_label("Discard demonstration-03").click()
+    screen.marked("recorder-told").get_by_text("2 demonstrations").wait_for()
+    screen.picture("recorder", tmp_path)
+    screen.page.get_by_label("Name of the skill").fill("tracked")
+    screen.marked("learn-recorded").click()
+    screen.page.wait_for_url("**/skill/tracked**", timeout=60_000)
+    screen.chart()
+    screen.says("2 demonstrations used")
