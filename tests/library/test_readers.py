@@ -1,6 +1,7 @@
 """Plain CSV and LASA files: the trajectory that stands in them, or an error that names file, line and remedy."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 from typing import Any
@@ -9,9 +10,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from library.errors import InvalidValue, ReaderError
-from library.readers import Choices, common_plane, fit_to_plate, lasa, onto_plane, read, read_all
+from library.readers import Choices, common_plane, fit_to_plate, gaps, lasa, onto_plane, read, read_all, without_gaps
 from library.readers.plain_csv import write
 from models.demonstration import Demonstration
 
@@ -74,6 +76,41 @@ def test_orientations_are_read_as_unit_quaternions(file: Any) -> None:
     (stroke,) = read(file("t,x,y,z,qx,qy,qz,qw\n0,0,0,0,0,0,0,1\n1,0.1,0,0,0,0,0.7071,0.7071\n"))
     assert stroke.orientations is not None
     np.testing.assert_allclose(np.linalg.norm(stroke.orientations, axis=1), 1.0, rtol=1e-12)
+
+
+@pytest.mark.parametrize("up_axis", ["x", "y", "z"])
+def test_a_tool_is_turned_with_the_path_it_follows(file: Any, up_axis: Any) -> None:
+    turns = Rotation.random(5, rng=np.random.default_rng(4))
+    points = np.random.default_rng(5).normal(size=(5, 3)) * 0.1
+    rows = [
+        ",".join(map(repr, [float(n), *point, *turn]))
+        for n, (point, turn) in enumerate(zip(points.tolist(), turns.as_quat().tolist(), strict=True))
+    ]
+    (stroke,) = read(file("\n".join(["t,x,y,z,qx,qy,qz,qw", *rows])), Choices(up_axis=up_axis))
+    assert stroke.orientations is not None
+    np.testing.assert_allclose(stroke.points[:, 2], points[:, "xyz".index(up_axis)], rtol=1e-12)
+    turn, *_ = np.linalg.lstsq(points, stroke.points, rcond=None)
+    seen = Rotation.from_quat(stroke.orientations)
+    for axis in np.eye(3):
+        np.testing.assert_allclose(seen.apply(axis), turns.apply(axis) @ turn, atol=1e-9)
+
+
+def test_a_gap_is_counted_and_stays_one_in_time_when_it_is_left_out(make_demonstration: Any) -> None:
+    stroke = make_demonstration("a")
+    points = stroke.points.copy()
+    points[0] = points[20:25] = np.nan
+    recording = replace(stroke, points=points)
+    counted = gaps(recording)
+    assert (counted.samples, counted.lost) == (40, 7)
+    assert counted.longest == pytest.approx(0.06)
+    assert counted.words() == "7 of 40 samples were not seen, the longest gap is 0.06 s"
+    left = without_gaps(recording)
+    assert np.isfinite(left.points).all()
+    assert len(left.times) == len(left.points) == len(left.triggers) == 33
+    assert left.times[0] == 0.0
+    assert np.diff(left.times).max() == pytest.approx(0.06)
+    lost = replace(recording, points=np.full_like(points, np.nan))
+    assert without_gaps(lost) is lost
 
 
 def test_a_unit_the_file_leaves_open_can_be_chosen(file: Any) -> None:
@@ -349,6 +386,12 @@ def test_a_drawing_on_a_tilted_table_becomes_two_dimensional() -> None:
     stroke = Demonstration("tilted", np.arange(200) * 0.01, points, np.ones(200, dtype=bool))
     plane = common_plane([stroke])
     assert plane.deviation < 1e-12
+    assert plane.farthest < 1e-12
+    dented = points.copy()
+    dented[7] += 0.004 * np.cross(first, second)
+    off = common_plane([Demonstration("dented", stroke.times, dented, stroke.triggers)])
+    assert 0.0035 < off.farthest < 0.0041
+    assert "mm from one plane (RMS)" in off.words()
     np.testing.assert_allclose(plane.axes, [first, second], atol=1e-9)
     (drawn,) = onto_plane([stroke], plane)
     np.testing.assert_allclose(drawn.points, flat - flat.mean(axis=0), atol=1e-12)

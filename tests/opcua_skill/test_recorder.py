@@ -109,6 +109,35 @@ async def test_a_skill_is_learned_from_what_a_tracker_sent(people: dict[str, Ski
     assert document["provenance"]["recordings"][0]["operator"] == "Ada"
 
 
+async def test_the_tools_orientation_is_recorded_and_learned(
+    people: dict[str, SkillClient], recorder: Recorder
+) -> None:
+    recording_id = await recorder.start(3, "Ada")
+    clock = 0.0
+    times = np.arange(101) / 100
+    for shift in (0.0, 0.001, -0.001):
+        points = np.column_stack([0.1 * times, 0.02 * np.sin(3 * times) + shift, 0.01 * times])
+        half = (0.4 * times + shift) / 2
+        turned = np.column_stack([np.zeros((101, 2)), np.sin(half), np.cos(half)])
+        button = np.repeat([True, False], [91, 10])
+        await recorder.append(recording_id, clock + times, points, button, turned)
+        clock += 1.1
+    view = await people["visitor"].workstation("ws1").recorder.recording()
+    assert view.orientations is not None
+    assert view.orientations.shape == (303, 4)
+    found = await recorder.finish(recording_id)
+    for one in found:
+        assert one.orientations is not None
+        np.testing.assert_allclose(np.linalg.norm(one.orientations, axis=1), 1.0, rtol=1e-12)
+    learned = await recorder.learn(recording_id, "recorded-tool", "Sealing")
+    report = await people["teacher"].follow(learned.job_id)
+    assert report.state == "Completed", report
+    motion = (await people["teacher"].skill("recorded-tool")).motion()
+    assert motion.has_orientation
+    end = motion.orientations_at(np.array([1.0]))[0]
+    assert end[2] == pytest.approx(np.sin(0.18), abs=0.01)
+
+
 async def test_a_panel_follows_by_subscription_and_fetches_what_is_new(
     people: dict[str, SkillClient], recorder: Recorder
 ) -> None:
