@@ -12,8 +12,10 @@ from models.learning import LearningOptions, learn
 from models.motion import Motion
 from models.people import ZIGZAG_IN_SPACE, simulated_people
 
-SOURCE = Path(__file__).parents[2] / "docs" / "reference" / "learning" / "skill_path.c"
+READERS = Path(__file__).parents[2] / "docs" / "reference" / "learning"
+NODE = shutil.which("node")
 COMPILER = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
+LANGUAGES = [language for language, tool in (("JavaScript", NODE), ("C", COMPILER)) if tool]
 
 
 def exported(motion: Motion) -> str:
@@ -33,36 +35,53 @@ def exported(motion: Motion) -> str:
     )
 
 
-def motions() -> dict[str, Motion]:
+@pytest.fixture(scope="module")
+def learned() -> dict[str, Motion]:
     """Return a motion of each kind."""
     flat, deep = simulated_people(4, 1)[0], simulated_people(4, 2, corners=ZIGZAG_IN_SPACE, orientation=True)[0]
     return {
         "over the path": learn(flat).motion,
         "over time": learn(flat, options=LearningOptions(preset="paper")).motion,
-        "in space": learn(deep).motion,
+        "in space, with orientation": learn(deep).motion,
     }
 
 
-if COMPILER:
-
-    @pytest.fixture(scope="module")
-    def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
-        """The documented reader, compiled as its first lines say."""
+@pytest.fixture(scope="module")
+def commands(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[str]]:
+    """How each reader is run, as its own first lines say: compiled, or as it is."""
+    found = {"JavaScript": [str(NODE), str(READERS / "skill_path.js")]}
+    if COMPILER:
         binary = tmp_path_factory.mktemp("reader") / "skill_path"
-        command = [COMPILER, "-O2", "-Wall", "-Wextra", "-Werror", "-o", str(binary), str(SOURCE), "-lm"]
-        subprocess.run([str(word) for word in command], check=True, capture_output=True)
-        return binary
+        warnings = ["-std=c99", "-Wall", "-Wextra", "-Werror"]
+        command = [COMPILER, "-O2", *warnings, "-o", str(binary), str(READERS / "skill_path.c"), "-lm"]
+        subprocess.run(command, check=True, capture_output=True)
+        found["C"] = [str(binary)]
+    return found
 
-    @pytest.mark.parametrize("kind", ["over the path", "over time", "in space"])
-    def test_the_c_reader_prints_the_same_path(program: Path, kind: str, tmp_path: Path) -> None:
-        motion = motions()[kind]
+
+if LANGUAGES:
+
+    @pytest.mark.parametrize("kind", ["over the path", "over time", "in space, with orientation"])
+    @pytest.mark.parametrize("language", LANGUAGES)
+    def test_another_language_reads_the_same_path(
+        language: str, kind: str, learned: dict[str, Motion], commands: dict[str, list[str]], tmp_path: Path
+    ) -> None:
+        motion, phases = learned[kind], np.linspace(0.0, 1.0, 501)
         file = tmp_path / "skill.json"
         file.write_text(exported(motion))
-        printed = subprocess.run([str(program), str(file), "501"], check=True, capture_output=True, text=True).stdout
-        rows = np.loadtxt(printed.splitlines(), delimiter=",", skiprows=1)
-        np.testing.assert_allclose(rows[:, 2:], motion.points_at(np.linspace(0.0, 1.0, 501)), atol=1e-12)
+        run = subprocess.run([*commands[language], str(file), "501"], check=True, capture_output=True, text=True)
+        head, *lines = run.stdout.splitlines()
+        rows = np.loadtxt(lines, delimiter=",")
+        last = 2 + motion.dimension
+        assert head.split(",")[: 2 + motion.dimension] == ["phase", "t_s", "x_m", "y_m", "z_m"][:last]
+        np.testing.assert_allclose(rows[:, 0], phases, rtol=0.0, atol=1e-15)
+        np.testing.assert_allclose(rows[:, 2:last], motion.points_at(phases), rtol=0.0, atol=1e-12)
+        if motion.has_orientation:
+            np.testing.assert_allclose(rows[:, last:], motion.orientations_at(phases), rtol=0.0, atol=1e-12)
+        else:
+            assert rows.shape[1] == last
 
 
 def test_the_reader_names_only_keys_that_an_exported_skill_has() -> None:
-    schema = json.loads((SOURCE.parents[1] / "skill-description.schema.json").read_text())
+    schema = json.loads((READERS.parent / "skill-description.schema.json").read_text())
     assert {"means", "covariances", "clock", "dimension", "duration"} <= set(schema["properties"])

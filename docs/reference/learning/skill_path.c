@@ -4,7 +4,8 @@
  *     opcua-skill skills export SKILL --format json -o skill.json
  *     ./skill_path skill.json 1000 > path.csv
  *
- * prints phase, time and position (SI units) at evenly spaced phases of the path. Equations: docs/reference/learning/model.md.
+ * prints phase, time and position (SI units), and the tool's orientation if it was learned, at even phases of the path.
+ * Equations: docs/reference/learning/model.md.
  */
 #include <math.h>
 #include <stdio.h>
@@ -82,9 +83,9 @@ int main(int argc, char **argv) {
     long first = over_path ? 2 : 1;                /* first position column */
     long points = strtol(argv[2], NULL, 10);
     double *weight = malloc((size_t)components * sizeof *weight);
-    if (!weight || points < 2) return 1;
+    if (!weight || points < 2 || width > 16) return 1;
 
-    printf(dimension == 2 ? "phase,t_s,x_m,y_m\n" : "phase,t_s,x_m,y_m,z_m\n");
+    printf("phase,t_s,x_m,y_m%s%s\n", dimension == 3 ? ",z_m" : "", width > first + dimension ? ",qx,qy,qz,qw" : "");
     for (long i = 0; i < points; i++) {
         double phase = (double)i / (double)(points - 1), clock = over_path ? phase : phase * duration;
         double nearest = INFINITY, total = 0;
@@ -95,16 +96,17 @@ int main(int argc, char **argv) {
             if (weight[k] < nearest) nearest = weight[k];
         }
         for (long k = 0; k < components; k++) total += weight[k] = exp(nearest - weight[k]);
-        printf("%.17g", phase);
-        for (long column = over_path ? 1 : 0; column < first + dimension; column++) {
-            double value = 0;
-            if (column == 0) value = clock; /* the clock is time */
-            for (long k = 0; k < components && column > 0; k++) {
+        double output[16] = {clock}; /* column 0 is the clock: the phase, or the time */
+        for (long column = 1; column < width; column++)
+            for (long k = 0; k < components; k++) {
                 const double *mean = means + k * width, *cover = covariances + k * width * width;
-                value += weight[k] / total * (mean[column] + cover[column * width] / cover[0] * (clock - mean[0]));
+                output[column] += weight[k] / total * (mean[column] + cover[column * width] / cover[0] * (clock - mean[0]));
             }
-            printf(",%.17g", value);
-        }
+        double length = 0; /* of the quaternion x y z w that may follow the position: it has to be 1 */
+        for (long column = first + dimension; column < width; column++) length += output[column] * output[column];
+        printf("%.17g", phase);
+        for (long column = over_path ? 1 : 0; column < width; column++)
+            printf(",%.17g", column < first + dimension ? output[column] : output[column] / sqrt(length));
         printf("\n");
     }
     return 0;
