@@ -8,7 +8,7 @@ Nothing here touches the motion that was learned: it is measured, and the figure
 # pyright: reportMissingTypeStubs=false, reportAttributeAccessIssue=false
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -28,6 +28,7 @@ from models.phase import arc_lengths, at
 PATH_POINTS = 1000
 SMOOTHNESS_POINTS = 300
 PAPER_SAMPLES = 128
+PAPER_RECORDING = 2000
 PAPER_DEMONSTRATIONS = 40
 
 
@@ -184,12 +185,23 @@ def _as_published(demonstrations: Sequence[Demonstration], edits: Edits, window:
     chosen = np.unique(np.linspace(0, len(given) - 1, min(len(given), PAPER_DEMONSTRATIONS)).round().astype(np.int64))
     found: list[CleanMotion] = []
     for index in chosen:
-        one = given[int(index)]
+        one, struck = _strided(given[int(index)], edits)
         try:
-            found.append(clean(one, edits.struck.get(one.demonstration_id, frozenset()), window, despiking=False))
+            found.append(clean(one, struck, window, despiking=False))
         except SkillError:
             continue
     return found
+
+
+def _strided(one: Demonstration, edits: Edits) -> tuple[Demonstration, frozenset[int]]:
+    """Return every so many samples of a long recording, at most 2000 of them, and which of these are struck."""
+    struck = edits.struck.get(one.demonstration_id, frozenset())
+    stride = len(one.times) // PAPER_RECORDING + 1
+    if stride == 1:
+        return one, struck
+    kept = slice(None, None, stride)
+    thin = replace(one, times=one.times[kept], points=one.points[kept], triggers=one.triggers[kept], orientations=None)
+    return thin, frozenset(index // stride for index in struck if index % stride == 0)
 
 
 def _thinned(motion: CleanMotion, count: int) -> CleanMotion:

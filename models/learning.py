@@ -61,10 +61,13 @@ def learn(
     options: LearningOptions | None = None,
     progress: Progress | None = None,
     previous: Previous | None = None,
+    *,
+    compare: bool = True,
 ) -> LearnedMotion:
     """Return the motion that the demonstrations have in common, with a verdict for each and a report.
 
-    The report compares it with ``previous``, the version the skill had before, and with the paper's preset.
+    The report compares it with ``previous``, the version the skill had before, and, unless told not to ``compare``,
+    with the paper's preset.
 
     A recording that cannot be used is left out, and its verdict says why; fewer than two usable ones raise
     TooFewDemonstrations.
@@ -74,7 +77,7 @@ def learn(
     tell = progress or _to_nobody
     _check_edits(demonstrations, edits)
     with threadpool_limits(limits=1):
-        return _learn(demonstrations, edits, options, tell, previous)
+        return _learn(demonstrations, edits, options, tell, previous, compare)
 
 
 def _to_nobody(done: float, what: str) -> None:
@@ -87,6 +90,7 @@ def _learn(
     options: LearningOptions,
     tell: Progress,
     previous: Previous | None,
+    compare: bool,
 ) -> LearnedMotion:
     verdicts: dict[int, Verdict] = {}
     motions: dict[int, CleanMotion] = {}
@@ -143,7 +147,7 @@ def _learn(
     everyone = [motions[index].demonstration_id for index in order]
     report = _report(motion, replace(fitted, notes=notes), everyone, names, every, options)
     tell(0.95, "comparing")
-    if options.preset != "paper":
+    if compare and options.preset != "paper":
         window = options.filter_window or FILTER_WINDOW
         report = replace(report, paper=to_paper(motion, demonstrations, edits, window))
     if previous is not None:

@@ -32,6 +32,7 @@ SHOWN = 5
 PART_DISTANCE = 0.1
 PART_COVER = 0.3
 PART_LENGTH = 1.4
+LEAST_OFF = 0.08
 
 Groups = tuple[tuple[int, ...], ...]
 
@@ -40,7 +41,7 @@ def other_shapes(names: Sequence[str], curves: Floats) -> dict[int, Remark]:
     """Return which of the curves (u, n, d) show another shape than most do, with where and how much.
 
     Raises MixedDemonstrations, naming the groups, if no shape has a clear majority: six in ten. A part of the shape,
-    or the shape drawn from the other end, is not another one.
+    the shape drawn from the other end, or with a stretch drawn again, is not another one.
     """
     chosen = np.unique(np.linspace(0, len(curves) - 1, min(len(curves), MOST)).round().astype(np.int64))
     groups, limit = shape_groups(curves[chosen])
@@ -52,11 +53,15 @@ def other_shapes(names: Sequence[str], curves: Floats) -> dict[int, Remark]:
         return {}
     distances = _apart_from(typical, curves)
     suspects = [index for index in range(len(curves)) if distances[index] > limit and index not in members[0]]
-    turned = _apart_from(typical, curves[:, ::-1])
+    if not suspects:
+        return {}
+    turned = _apart_from(typical, curves[suspects][:, ::-1])
     found: dict[int, Remark] = {}
-    for index in suspects:
-        if turned[index] > TURNED * distances[index] and not _is_part(typical, curves[index]):
-            found[index] = another_shape(*_worst(typical, curves[index]))
+    for index, backwards in zip(suspects, turned, strict=True):
+        if backwards > TURNED * distances[index] and not _is_part(typical, curves[index]):
+            place, size = _worst(typical, curves[index])
+            if size > LEAST_OFF * diagonal(typical):
+                found[index] = another_shape(place, size)
     return found
 
 
@@ -127,6 +132,8 @@ def _apart(curves: Floats) -> Floats:
 def _is_part(whole: Floats, part: Floats) -> bool:
     """Return whether one drawing (n, d) is a stretch of another: let go early or started late, no other shape."""
     everything = np.ones(1, dtype=bool)
+    coarse = np.linspace(0, len(whole) - 1, POINTS).round().astype(np.int64)
+    whole, part = whole[coarse], part[coarse]
     found = warp(whole, part[None], everything, everything)
     first, last = int(found.first[0]), int(found.last[0])
     if last - first < PART_COVER * len(whole):
