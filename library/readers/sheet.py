@@ -14,7 +14,8 @@ from models.demonstration import Bools, Demonstration, Floats
 
 METRES = {"m": 1.0, "meters": 1.0, "metres": 1.0, "cm": 0.01, "centimeters": 0.01, "mm": 0.001, "millimeters": 0.001}
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-MAX_BYTES = 256 * 1024 * 1024
+MAX_MEGABYTES = 256
+MAX_MEGABYTES_OF_TEXT = 64
 MAX_EXTENT = 20.0
 
 _NUMBER = re.compile(r"[+-]?(?:(?:0|[1-9][0-9]*)(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
@@ -68,7 +69,7 @@ def is_number(text: str) -> bool:
 
 def read_text(path: Path) -> str:
     """Return the text of a file in UTF-8 or, by its byte order mark, UTF-16."""
-    content = read_bytes(path)
+    content = read_bytes(path, MAX_MEGABYTES_OF_TEXT)
     if content[:4] == b"PK\x03\x04":
         raise ReaderError(path, "it is a spreadsheet or another packed file", "save it as CSV")
     encoding = "utf-16" if content[:2] in {b"\xff\xfe", b"\xfe\xff"} else "utf-8-sig"
@@ -81,12 +82,12 @@ def read_text(path: Path) -> str:
         raise ReaderError(path, "it holds bytes that are no text in UTF-8", "save it as UTF-8", line) from error
 
 
-def read_bytes(path: Path) -> bytes:
-    """Return the content of a file of reasonable size."""
+def read_bytes(path: Path, most: int = MAX_MEGABYTES) -> bytes:
+    """Return the content of a file of at most ``most`` MB."""
     try:
         size = path.stat().st_size
-        if size > MAX_BYTES:
-            raise ReaderError(path, f"it has {size / 1e6:.0f} MB", "cut it into files of at most 256 MB")
+        if size > most * 1_000_000:
+            raise ReaderError(path, f"it has {size / 1e6:.0f} MB", f"cut out what is needed: {most} MB at most")
         content = path.read_bytes()
     except OSError as error:
         raise ReaderError(path, error.strerror or str(error), "check the name and the right to read it") from error

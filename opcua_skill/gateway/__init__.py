@@ -76,7 +76,8 @@ async def pass_on(
         try:
             told = await recorder.append(recording_id, batch.times, batch.positions, batch.triggers, batch.orientations)
         except Refused as refusal:
-            why = refusal.reason
+            # Somebody who finished the recording meanwhile has decided what its last demonstration is.
+            why, pressed = refusal.reason, pressed and refusal.status != "BadInvalidState"
             break
         samples, demonstrations, pressed = told.samples, told.demonstrations, bool(batch.triggers[-1])
         released = released or not batch.triggers.all()

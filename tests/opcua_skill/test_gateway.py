@@ -9,7 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from models.demonstration import Demonstration
-from opcua_skill.gateway import Intake, ReplaySource, SourceFault, UdpSource, parse
+from opcua_skill.client import Recorded, Refused
+from opcua_skill.gateway import Intake, Losses, ReplaySource, SourceFault, UdpSource, parse, pass_on
+from opcua_skill.recording import Samples
 
 TRACKER, STRANGER = ("127.0.0.1", 5000), ("127.0.0.1", 5001)
 RATE = 100.0
@@ -233,3 +235,68 @@ async def test_a_replay_keeps_its_speed() -> None:
         first = float(part.times[-1])
         assert first <= 2.0 * (loop.time() - began) + 0.02
     assert loop.time() - began >= 0.5 * first - 0.02
+
+
+class Script:
+    """A source that gives prepared samples, and a recorder that has been told to refuse after some appends."""
+
+    name = "a script"
+    ended = ""
+
+    def __init__(self, batches: int, refuse: str = "") -> None:
+        self.losses = Losses()
+        self._left = batches
+        self._refuse = refuse
+        self.sent = 0
+
+    async def begin(self) -> int:
+        return 2
+
+    async def next(self, stop: asyncio.Event) -> Samples | None:
+        if self.sent == self._left:
+            self.ended = "all was sent"
+            return None
+        self.sent += 1
+        times = self.sent + np.arange(10) / 100
+        return Samples(times, np.zeros((10, 2)), np.ones(10, dtype=np.bool_), None)
+
+    async def start(self, dimension: int, operator: str, source: str) -> str:
+        return "r"
+
+    async def append(self, recording_id: str, *samples: Any) -> Recorded:
+        if self.sent == self._left and self._refuse:
+            raise Refused("AppendSamples", self._refuse, "", "that is enough")
+        return Recorded(10 * self.sent, 1)
+
+
+@pytest.mark.parametrize(
+    ("refuse", "why", "pressed"),
+    [
+        ("", "all was sent", True),
+        ("BadRequestTooLarge", "that is enough", True),
+        ("BadInvalidState", "that is enough", False),
+    ],
+)
+async def test_a_recording_ends_with_its_source_or_when_the_server_takes_no_more(
+    refuse: str, why: str, pressed: bool
+) -> None:
+    script = Script(3, refuse)
+    told: list[int] = []
+    ended = await pass_on(
+        script,  # pyright: ignore[reportArgumentType]
+        script,
+        stop=asyncio.Event(),
+        on_progress=lambda now: told.append(now.samples),
+    )
+    assert (ended.why, ended.pressed, ended.has_button) == (why, pressed, False)
+    assert told == ([10, 20] if refuse else [10, 20, 30])
+
+
+async def test_waiting_for_a_tracker_can_be_given_up() -> None:
+    source = UdpSource(wait=3600.0)
+    await source.open("127.0.0.1", 0)
+    stop = asyncio.Event()
+    asyncio.get_running_loop().call_later(0.05, stop.set)
+    with pytest.raises(SourceFault, match="stopped before anything came"):
+        await pass_on(Script(1), source, stop=stop)  # pyright: ignore[reportArgumentType]
+    source.close()
