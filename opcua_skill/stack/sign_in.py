@@ -2,6 +2,7 @@
 
 import logging
 import struct
+from datetime import UTC, datetime
 from typing import Any
 
 from asyncua import ua
@@ -96,6 +97,9 @@ def verify_user_certificate(
         raise ServiceError(Codes.BadUserSignatureInvalid) from None
     except (ValueError, TypeError):
         raise ServiceError(Codes.BadIdentityTokenInvalid) from None
+    if not user.not_valid_before_utc <= datetime.now(UTC) <= user.not_valid_after_utc:
+        log.warning("user certificate %s is not valid today", user.subject.rfc4514_string())
+        raise ServiceError(Codes.BadIdentityTokenRejected)
     return uacrypto.der_from_x509(user)
 
 

@@ -115,10 +115,10 @@ async def stranger(scene: Scene, *, opened: bool = False) -> AsyncIterator[Stran
 
 
 @asynccontextmanager
-async def insider(scene: Scene) -> AsyncIterator[Client]:
+async def insider(scene: Scene, user: str = "operator") -> AsyncIterator[Client]:
     """A client that has signed in, and may then misbehave inside its encrypted channel."""
     client = await client_of(scene.url, Path(scene.folder))
-    client.set_user("operator")
+    client.set_user(user)
     await client.connect()
     transport = client.uaclient.protocol.transport
     try:

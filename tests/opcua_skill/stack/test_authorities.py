@@ -11,7 +11,8 @@ from cryptography.x509.oid import ExtendedKeyUsageOID
 from opcua_skill.security import TrustList
 from opcua_skill.security.chains import CertificateFault, Known, fault
 from tests.opcua_skill.stack.authorities import DAY, DER, NOW, Authority, write
-from tests.opcua_skill.stack.small_server import Bench
+from tests.opcua_skill.stack.small_server import Bench, Row
+from tests.opcua_skill.stack.test_sign_in import with_user_certificate
 
 
 def judged(
@@ -147,4 +148,13 @@ async def test_a_client_of_the_plant_s_authority_signs_in_until_its_certificate_
     (pki / "issuers" / "crl" / "plant.crl").write_bytes(plant.revocations().public_bytes(DER))
     with pytest.raises(ua.uaerrors.BadCertificateRevoked):
         async with bench.client("engineer", certificate=own):
+            pass
+
+
+@pytest.mark.asyncio(loop_scope="package")
+async def test_a_user_certificate_of_yesterday_signs_nobody_in(bench: Bench, tmp_path: Path):
+    late = Authority("plant").issue("robot", valid=(-3 * DAY, -DAY))
+    bench.users.rows.append(Row("robot-of-yesterday", "operator", "", late.public_bytes(DER)))
+    with pytest.raises(ua.uaerrors.BadIdentityTokenRejected):
+        async with await with_user_certificate(bench, write(tmp_path / "robot", late, "robot")):
             pass
