@@ -36,7 +36,7 @@ class Sheet:
         lines = text.splitlines()
         head = next((line for line in lines if any(mark in line for mark in "\t;,")), "")
         delimiter = next((mark for mark in "\t;," if mark in head), ",")
-        rows = [[cell.strip() for cells in csv.reader([line], delimiter=delimiter) for cell in cells] for line in lines]
+        rows = [[cell.strip() for cell in _cells(line, delimiter)] for line in lines]
         return cls(path, rows, decimal_comma=delimiter != ",")
 
     def error(self, problem: str, remedy: str, line: int | None = None) -> ReaderError:
@@ -52,7 +52,7 @@ class Sheet:
     def number(self, line: int, column: int, *, gap: bool = False) -> float:
         """Return the finite number in a cell; with ``gap`` an empty cell is NaN: nothing was seen there."""
         text = self.rows[line - 1][column]
-        if gap and text.lower() in {"", "nan"}:
+        if gap and (not text or (text[0] in "nN" and text.lower() == "nan")):
             return math.nan
         plain = text.replace(",", ".") if self._decimal_comma and "." not in text else text
         value = float(plain) if _NUMBER.fullmatch(plain) else math.nan
@@ -60,6 +60,13 @@ class Sheet:
             where = f"column {column + 1} holds {text[:40]!r}, which is not a number"
             raise self.error(where, "mend the cell or delete the line", line)
         return value
+
+
+def _cells(line: str, delimiter: str) -> list[str]:
+    """Return the cells of one line; a quote that is never closed ends with its line."""
+    if '"' not in line:
+        return line.split(delimiter) if line else []
+    return [cell for cells in csv.reader([line], delimiter=delimiter) for cell in cells]
 
 
 def is_number(text: str) -> bool:
