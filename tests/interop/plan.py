@@ -10,10 +10,8 @@ from models.people import simulated_people
 from opcua_skill.client import APPLICATION_URI
 from opcua_skill.security import load_certificate
 
-SKILL = "foreign-edge"
 
-
-def written(plant: Any, folder: Path) -> Path:
+def written(plant: Any, folder: Path, skill: str) -> Path:
     """Write the plan of the story as JSON and return its file."""
     certificate = load_certificate((plant.client_folder / "client.der").read_bytes())
     pem = folder / "client.pem"
@@ -39,7 +37,7 @@ def written(plant: Any, folder: Path) -> Path:
         "key": str(plant.client_folder / "client.pem"),
         "folder": str(folder / "pki"),
         "password": plant.password,
-        "skill": SKILL,
+        "skill": skill,
         "demonstrations": demonstrations,
     }
     plan.write_text(json.dumps(content))

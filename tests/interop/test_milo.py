@@ -3,12 +3,11 @@
 import json
 import os
 import subprocess
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
+from tests.conftest import Plant
 from tests.interop.plan import holds, written
 
 HERE = Path(__file__).parent / "milo"
@@ -28,9 +27,18 @@ def class_path() -> str:
 
 
 @pytest.mark.timeout(500)
-def test_milo_does_the_main_job(make_plant: Callable[..., Any], class_path: str, tmp_path: Path):
-    written(make_plant(), tmp_path)
-    command = ["java", "-cp", class_path, "Story", str(tmp_path / "plan.properties")]
+def test_milo_does_the_main_job(foreign_plant: Plant, class_path: str, tmp_path: Path):
+    written(foreign_plant, tmp_path, "milo-edge")
+    command = [
+        "java",
+        "-XX:TieredStopAtLevel=1",
+        "-XX:+UseSerialGC",
+        "-Xshare:auto",
+        "-cp",
+        class_path,
+        "Story",
+        str(tmp_path / "plan.properties"),
+    ]
     done = subprocess.run(command, capture_output=True, text=True, timeout=150)
     assert done.returncode == 0, done.stderr[-3000:]
     holds(json.loads(done.stdout.splitlines()[-1]))

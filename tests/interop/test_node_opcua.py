@@ -2,12 +2,11 @@
 
 import json
 import subprocess
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
+from tests.conftest import Plant
 from tests.interop.plan import holds, written
 
 HERE = Path(__file__).parent / "node"
@@ -22,8 +21,8 @@ def node_modules() -> None:
 
 
 @pytest.mark.timeout(400)
-def test_node_opcua_does_the_main_job(make_plant: Callable[..., Any], node_modules: None, tmp_path: Path):
-    plan = written(make_plant(), tmp_path)
+def test_node_opcua_does_the_main_job(foreign_plant: Plant, node_modules: None, tmp_path: Path):
+    plan = written(foreign_plant, tmp_path, "node-edge")
     done = subprocess.run(["node", "story.js", str(plan)], cwd=HERE, capture_output=True, text=True, timeout=150)
     assert done.returncode == 0, done.stderr[-3000:]
     holds(json.loads(done.stdout.splitlines()[-1]))

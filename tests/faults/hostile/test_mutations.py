@@ -210,6 +210,7 @@ async def unheard(scene: Scene) -> AsyncIterator[Client]:
         await asyncio.sleep(0.05)
 
 
+@pytest.mark.timeout(1200)  # a minute on a quiet machine
 async def test_mutated_messages_after_sign_in_hurt_nobody(scene: Scene):
     chance, recorded, sent = random.Random(SEED + 1), after_sign_in(scene), 0
     async with insider(scene, user="engineer") as client:
