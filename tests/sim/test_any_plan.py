@@ -3,9 +3,10 @@
 import math
 from typing import get_args
 
+import hypothesis
 import numpy as np
 from drawn_motion import DrawnMotion
-from hypothesis import example, given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -32,12 +33,27 @@ ORDERS = st.builds(
     retract_height=st.floats(0.0, 0.1),
 )
 PLACES = st.tuples(st.floats(0.3, 0.75), st.floats(-0.3, 0.3), st.floats(0.05, 0.3), st.floats(-3.2, 3.2))
+RADII = st.one_of(st.just(0.0), st.floats(1e-4, 0.004))
 ZIGZAG = [(0.0, 0.0, 0.0), (0.0, 0.04, 0.01), (0.02, 0.04, 0.0), (0.02, 0.0, 0.0)]
 HERE = (0.42, 0.0, 0.1, 0.0)
 
 
-@settings(deadline=None, max_examples=12)
-@given(name=st.sampled_from(arms.names()), order=ORDERS, place=PLACES, corners=CORNERS, radius=st.floats(0.0, 0.004))
+def drawable(corners, radius):
+    """Return whether the edges have length and a circle of this radius fits into every corner."""
+    points = np.array(corners)
+    edges = np.diff(points, axis=0)
+    sizes = np.sqrt((edges**2).sum(axis=1))
+    if sizes.min() < 1e-3:
+        return False
+    if not radius:
+        return True
+    cosines = (edges[:-1] * edges[1:]).sum(axis=1) / (sizes[:-1] * sizes[1:])
+    return bool((np.abs(cosines) < 0.95).all() and sizes.min() > 8.0 * radius)
+
+
+# A plan takes long enough that making a failing one smaller would take minutes: it is told as it was found.
+@settings(deadline=None, max_examples=10, phases=(hypothesis.Phase.explicit, hypothesis.Phase.generate))
+@given(name=st.sampled_from(arms.names()), order=ORDERS, place=PLACES, corners=CORNERS, radius=RADII)
 @example("panda", MotionOrder(time_step=0.0137), HERE, ZIGZAG, 0.0)
 @example("iiwa14", MotionOrder(time_step=0.02, timing="time_optimal", chord_tolerance=1e-3), HERE, ZIGZAG, 0.002)
 @example("xarm6", MotionOrder(time_step=0.0073, timing="constant_speed", speed=0.02), HERE, ZIGZAG, 0.003)
@@ -47,11 +63,10 @@ def test_a_plan_keeps_every_limit_and_ends_at_its_end_or_is_refused_by_name(name
     x, y, z, turn = place
     frame = (x, y, z, *Rotation.from_euler("z", turn).as_quat())
     order = MotionOrder(**{**{key: getattr(order, key) for key in order.__dataclass_fields__}, "frame": frame})
+    assume(drawable(corners, radius))
+    motion = DrawnMotion(corners, radius)
+    ends = motion.points_at(np.array([0.0, 1.0]))
     try:
-        motion = DrawnMotion(corners, radius)
-        ends = motion.points_at(np.array([0.0, 1.0]))
-        if not np.isfinite(ends).all():
-            return  # corners upon each other: no motion at all
         plan = plan_motion(motion, order, model)
     except MotionRefused as refusal:
         assert refusal.failure in get_args(Code)
