@@ -2,11 +2,12 @@
 
 Columns: ``t`` or ``time`` (s, ms, us, ns), ``x``, ``y`` and perhaps ``z`` (m, cm, mm), ``trigger`` (0 or 1),
 ``qx qy qz qw``, and ``demonstration`` where a file holds several. A unit is written ``x_mm``, ``x [mm]`` or ``x (mm)``;
-without one: s and m.
+without one: s and m. Where there are several markers (``pen_x``, ``pen_y``, ``cap_x`` …) one has to be chosen.
 """
 
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,7 @@ from library.readers.sheet import (
     orientations_turned_up,
     turned_up,
 )
+from library.readers.tracks import pick
 from models.demonstration import Demonstration
 
 ROLES = {
@@ -33,11 +35,29 @@ ROLES = {
 }
 HEADER = "name the columns on the first line, for example t_s,x_mm,y_mm,z_mm,trigger"
 KNOWN = ("t", "x", "y", "z", "qx", "qy", "qz", "qw", "trigger", "demonstration")
+AXES = ("x", "y", "z")
+UNUSED = {"frame", "frame#", "sample", "index"}
+NO_PLACES = {
+    "q",
+    "quat",
+    "rot",
+    "rotation",
+    "orientation",
+    "angle",
+    "euler",
+    "v",
+    "vel",
+    "velocity",
+    "acc",
+    "force",
+    "f",
+}
 QUATERNION = ("qx", "qy", "qz", "qw")
 MAX_EXTENT_WITHOUT_UNIT = 3.0
 SLOWEST = 2.0
 ON_OFF = {"0": False, "1": True, "false": False, "true": True, "off": False, "on": True}
 _COLUMN = re.compile(r"([a-z_]+?)(?:_(s|ms|us|ns|m|cm|mm)| ?[\[(](\w+)[\])])?")
+_MARKER = re.compile(r"(.*[^_. :])[_. :]([xyzXYZ])((?:_(?:m|cm|mm)| ?[\[(]\w+[\])])?)")
 
 
 def is_plain_csv(sheet: Sheet) -> bool:
@@ -48,7 +68,8 @@ def is_plain_csv(sheet: Sheet) -> bool:
 
 def read(sheet: Sheet, choices: Choices) -> list[Demonstration]:
     """Return the demonstrations of a plain CSV file, in the order in which they begin."""
-    columns, factors = _header(sheet, choices)
+    header = _header(sheet, choices)
+    columns = header.columns
     lines = [line for line, cells in enumerate(sheet.rows, 1) if line > 1 and any(cells)]
     groups: dict[str, list[int]] = {}
     width = len(sheet.rows[0])
@@ -63,12 +84,20 @@ def read(sheet: Sheet, choices: Choices) -> list[Demonstration]:
         raise sheet.error("there are no samples below the header", "export it again")
     stem = sheet.path.stem
     return [
-        _one(sheet, f"{stem}-{label}" if label else stem, group, columns, factors, choices)
-        for label, group in groups.items()
+        _one(sheet, f"{stem}-{label}" if label else stem, group, header, choices) for label, group in groups.items()
     ]
 
 
-def _header(sheet: Sheet, choices: Choices) -> tuple[dict[str, int], dict[str, float]]:
+@dataclass(frozen=True, slots=True)
+class _Header:
+    """Which column holds what, the factor to m or s, and which roles have a unit, in the file or chosen."""
+
+    columns: dict[str, int]
+    factors: dict[str, float]
+    with_unit: frozenset[str]
+
+
+def _header(sheet: Sheet, choices: Choices) -> _Header:
     first = sheet.cells(1)
     if first and is_number(first[0]):
         raise sheet.error("the first line holds numbers and no names", HEADER, 1)
@@ -77,7 +106,10 @@ def _header(sheet: Sheet, choices: Choices) -> tuple[dict[str, int], dict[str, f
         raise sheet.error("its columns are not separated", "separate them by commas, semicolons or tabs", 1)
     columns: dict[str, int] = {}
     factors: dict[str, float] = {}
-    for index, cell in enumerate(sheet.cells(1)):
+    with_unit: set[str] = set()
+    for index, cell in enumerate(_of_one_marker(sheet, choices)):
+        if cell is None:
+            continue
         match = _COLUMN.fullmatch(cell.lower())
         role = ROLES.get(match.group(1), "") if match else ""
         if match is None or not role:
@@ -85,23 +117,46 @@ def _header(sheet: Sheet, choices: Choices) -> tuple[dict[str, int], dict[str, f
             raise sheet.error(f"column {index + 1} is called {cell[:40]!r}", f"{HEADER}; known names: {known}", 1)
         if role in columns:
             raise sheet.error(f"column {index + 1} is a second {role}", "leave one of them", 1)
-        unit = match.group(2) or match.group(3) or ""
+        unit = match.group(2) or match.group(3) or (choices.unit if role in AXES else "")
         columns[role] = index
-        factors[role] = _factor(sheet, role, unit, choices)
+        factors[role] = _factor(sheet, role, unit)
+        if unit:
+            with_unit.add(role)
     missing = [role for role in ("t", "x", "y") if role not in columns]
     if missing:
         raise sheet.error(f"there is no column {' or '.join(missing)}", HEADER, 1)
-    if len({factors[axis] for axis in ("x", "y", "z") if axis in factors}) > 1:
+    if len({factors[axis] for axis in AXES if axis in factors}) > 1:
         raise sheet.error("x, y and z have different units", "give them one unit", 1)
     turned = [role for role in QUATERNION if role in columns]
     if turned and len(turned) != len(QUATERNION):
         raise sheet.error(f"of the quaternion there is only {', '.join(turned)}", "give qx, qy, qz and qw, or none", 1)
-    return columns, factors
+    return _Header(columns, factors, frozenset(with_unit))
 
 
-def _factor(sheet: Sheet, role: str, unit: str, choices: Choices) -> float:
-    known = SECONDS if role == "t" else METRES if role in {"x", "y", "z"} else {}
-    unit = unit or (choices.unit if role in {"x", "y", "z"} else "")
+def _of_one_marker(sheet: Sheet, choices: Choices) -> list[str | None]:
+    """Return the names of the columns; where there are markers, ``pen_x`` of the chosen one as ``x``, others None."""
+    cells = sheet.cells(1)
+    names: list[str | None] = [None if cell.lower() in UNUSED else cell for cell in cells]
+    known = [_COLUMN.fullmatch(cell.lower()) for cell in cells]
+    if any(match and ROLES.get(match.group(1)) in AXES for match in known):
+        return names
+    found: dict[str, dict[int, str]] = {}
+    for index, cell in enumerate(cells):
+        match = _MARKER.fullmatch(cell)
+        if match and re.split(r"[_. :]", match.group(1).lower())[-1] not in NO_PLACES:
+            found.setdefault(match.group(1), {})[index] = match.group(2) + match.group(3)
+    if not found:
+        return names
+    markers = list(found)
+    chosen = markers[pick(sheet.path, markers, choices.marker)]
+    for marker, columns in found.items():
+        for index, name in columns.items():
+            names[index] = name if marker == chosen else None
+    return names
+
+
+def _factor(sheet: Sheet, role: str, unit: str) -> float:
+    known = SECONDS if role == "t" else METRES if role in AXES else {}
     if not unit:
         return 1.0
     if unit not in known:
@@ -114,11 +169,11 @@ def _one(
     sheet: Sheet,
     name: str,
     lines: list[int],
-    columns: dict[str, int],
-    factors: dict[str, float],
+    header: _Header,
     choices: Choices,
 ) -> Demonstration:
-    axes = [axis for axis in ("x", "y", "z") if axis in columns]
+    columns, factors = header.columns, header.factors
+    axes = [axis for axis in AXES if axis in columns]
     times = np.array([sheet.number(line, columns["t"]) for line in lines])
     points = np.array([[sheet.number(line, columns[axis], gap=True) for axis in axes] for line in lines])
     half = np.flatnonzero(np.isnan(points).any(axis=1) & ~np.isnan(points).all(axis=1))
@@ -138,23 +193,17 @@ def _one(
         if len(wrong):
             raise sheet.error("the quaternion has not length 1", "mend or delete the line", lines[int(wrong[0])])
         orientations = orientations / lengths[:, None]
-    if not _unit_of(sheet, columns["t"]) and float(np.median(np.diff(times)) if len(times) > 1 else 0.0) > SLOWEST:
-        step = float(np.median(np.diff(times)))
+    step = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
+    if "t" not in header.with_unit and step > SLOWEST:
         raise sheet.error(f"its samples are {step:g} s apart", "name the unit of its times, as in t_ms", 1)
     times, points = times * factors["t"], points * factors["x"]
     if len(axes) == 3 and choices.up_axis:
         points = turned_up(points, choices.up_axis)
         orientations = None if orientations is None else orientations_turned_up(orientations, choices.up_axis)
-    named = bool(choices.unit) or _unit_of(sheet, columns["x"]) != ""
-    farthest = MAX_EXTENT if named else MAX_EXTENT_WITHOUT_UNIT
+    farthest = MAX_EXTENT if "x" in header.with_unit else MAX_EXTENT_WITHOUT_UNIT
     return demonstration(
         sheet.path, name, times, points, triggers=triggers, orientations=orientations, farthest=farthest
     )
-
-
-def _unit_of(sheet: Sheet, column: int) -> str:
-    match = _COLUMN.fullmatch(sheet.cells(1)[column].lower())
-    return (match.group(2) or match.group(3) or "") if match else ""
 
 
 def _on(sheet: Sheet, line: int, column: int) -> bool:

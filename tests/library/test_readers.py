@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from library.errors import InvalidValue, ReaderError
+from library.errors import ChoiceNeeded, InvalidValue, ReaderError
 from library.readers import Choices, common_plane, fit_to_plate, gaps, lasa, onto_plane, read, read_all, without_gaps
 from library.readers.plain_csv import write
 from models.demonstration import Demonstration
@@ -111,6 +111,27 @@ def test_a_gap_is_counted_and_stays_one_in_time_when_it_is_left_out(make_demonst
     assert np.diff(left.times).max() == pytest.approx(0.06)
     lost = replace(recording, points=np.full_like(points, np.nan))
     assert without_gaps(lost) is lost
+
+
+MARKERS = "frame,time,Pen 1_X_mm,Pen 1_Y_mm,Pen 1_Z_mm,cap.x,cap.y,cap.z\n1,0,10,20,30,1,2,3\n2,0.1,11,,,1,2,3\n"
+
+
+def test_one_of_several_markers_is_followed(file: Any) -> None:
+    path = file(MARKERS.replace("11,,", "11,21,31"))
+    with pytest.raises(ChoiceNeeded, match="2 markers; choose one of Pen 1, cap"):
+        read(path)
+    (pen,) = read(path, Choices(marker="pen 1"))
+    np.testing.assert_allclose(pen.points, [[0.010, 0.020, 0.030], [0.011, 0.021, 0.031]])
+    (cap,) = read(path, Choices(marker="cap"))
+    np.testing.assert_allclose(cap.points, [[1, 2, 3], [1, 2, 3]])
+    with pytest.raises(ReaderError, match="only a part"):
+        read(file(MARKERS), Choices(marker="Pen 1"))
+
+
+@pytest.mark.parametrize("names", ["rot_x,rot_y,rot_z", "tool_vel_x,tool_vel_y,tool_vel_z", "pen_x,pen_z,pen_w"])
+def test_what_is_no_place_is_not_followed(file: Any, names: str) -> None:
+    with pytest.raises(ReaderError):
+        read(file(f"t,{names}\n0,1,2,3\n1,2,3,4\n"))
 
 
 def test_a_unit_the_file_leaves_open_can_be_chosen(file: Any) -> None:
