@@ -1,6 +1,7 @@
 """The panel's process: pages, who may see them, and the web server under them."""
 
 import asyncio
+import logging
 import os
 import secrets
 import tempfile
@@ -134,6 +135,12 @@ def build(sessions: Sessions) -> None:
     app.on_shutdown(sessions.close)
 
 
+def _stayed(record: logging.LogRecord) -> bool:
+    """Whether a logged fault is one: a browser that leaves in the middle of a request is none."""
+    fault = record.exc_info[1] if record.exc_info else None
+    return not (isinstance(fault, RuntimeError) and str(fault) == "No response returned.")
+
+
 async def _once_it_listens(address: Address, on_ready: Callable[[str], None]) -> None:
     """Call ``on_ready`` when the port answers: the web server starts its pages first and listens afterwards."""
     here = address.host if address.host not in ("0.0.0.0", "::") else "127.0.0.1"
@@ -150,6 +157,7 @@ async def _once_it_listens(address: Address, on_ready: Callable[[str], None]) ->
 
 def run(server: str, address: Address, *, folder: Path | None = None, on_ready: Callable[[str], None]) -> None:
     """Serve the panel until Ctrl-C. ``on_ready`` is called with the page's address once it can be opened."""
+    logging.getLogger("uvicorn.error").addFilter(_stayed)
     sessions = Sessions(server, folder)
     build(sessions)
     app.add_middleware(TrustedHostMiddleware, allowed_hosts=address.names)

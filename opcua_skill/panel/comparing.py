@@ -84,6 +84,11 @@ def verdicts(skill: Skill) -> Sequence[Mapping[str, Any]]:
     return skill.document.get("verdicts") or ()
 
 
+def wrong(verdict: Mapping[str, Any]) -> bool:
+    """Whether learning found fault with a recording: one that a person took out is no finding."""
+    return verdict["kind"] != "used" and verdict.get("fault") != "excluded"
+
+
 def used(skill: Skill) -> int:
     """Return how many recordings a version was learned from."""
     return sum(one["kind"] != "left out" for one in verdicts(skill))
@@ -154,7 +159,7 @@ class Check:
 
 def checks(words: Words, skill: Skill) -> list[Check]:
     """Return what to look at before approving, each good or not."""
-    count, flagged = used(skill), sum(one["kind"] != "used" for one in verdicts(skill))
+    count, flagged = used(skill), sum(wrong(one) for one in verdicts(skill))
     found = [
         Check(count >= FEWEST_USED, f"{count} {words('demonstrations used')}"),
         Check(not flagged, f"{flagged} {words('flagged')}"),

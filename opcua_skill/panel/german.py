@@ -79,7 +79,7 @@ GERMAN: dict[str, str] = {
     "demonstrations": "Vorführungen",
     "flagged": "auffällig",
     "none flagged": "keine auffällig",
-    "largest distance from the path, worst first": "größter Abstand von der Bahn, schlechteste zuerst",
+    "largest distance from the path and where, worst first": "größter Abstand von der Bahn und wo, schlechteste zuerst",
     "use": "verwenden",
     "at": "bei",
     "Take its struck samples in again": "Gestrichene Punkte wieder aufnehmen",
@@ -386,4 +386,5 @@ GERMAN: dict[str, str] = {
     "the two paths are at most": "die beiden Bahnen sind höchstens",
     "this is no exported skill, which is a JSON file": "das ist keine exportierte Fertigkeit (JSON-Datei)",
     "worse": "schlechter",
+    "taken out by a person": "von einer Person herausgenommen",
 }

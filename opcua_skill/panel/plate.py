@@ -1,5 +1,6 @@
 """The plate in the browser: strokes are drawn on it, recordings shown, and a tracker's samples as they come."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -31,3 +32,7 @@ class Plate(Element, component=Path(__file__).parent / "static" / "plate.js"):
         """Draw samples of a tracker: positions (n, d) in m seen from above, and where the button was pressed."""
         points = np.round(1000.0 * positions[:, :2], 2).tolist()
         self.run_method("track", {"points": points, "pressed": [bool(one) for one in pressed], "begin": begin})
+
+    def presses(self, ranges: Sequence[tuple[int, int]]) -> None:
+        """Say which samples of the tracker are demonstrations; what is pressed and in none was discarded."""
+        self.run_method("presses", [list(one) for one in ranges])

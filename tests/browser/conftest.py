@@ -34,10 +34,17 @@ FLAGS = (
 PANEL_PC = {"width": 1280, "height": 800}
 TABLET = {"width": 768, "height": 1024}
 PATIENCE = 20_000
+SECOND = """
+[[workstations]]
+name = "ws2"
+driver = "kinematic"
+realtime = true
+arm = "xarm6"
+"""
 PICTURES = os.environ.get("OPCUA_SKILL_PICTURES", "")
 """Set to docs/pictures, the tests write there the pictures of the how-to page; else they are only looked at."""
 
-TOUCH = """(canvas, [points, pointer]) => {
+TOUCH = """(canvas, [points, pointer, every]) => {
   const box = canvas.getBoundingClientRect(), scale = box.height / (90 * 1.13);
   const left = box.left + (box.width - 65 * scale) / 2, bottom = box.bottom - 0.065 * scale * 90;
   const tell = (name, [x, y], down) => canvas.dispatchEvent(new PointerEvent(name, {
@@ -51,7 +58,7 @@ TOUCH = """(canvas, [points, pointer]) => {
       if (i === points.length) { tell("pointerup", points[i - 1], false); done(); return; }
       tell("pointermove", points[i], true);
       i += 1;
-      setTimeout(step, 4);
+      setTimeout(step, every);
     };
     step();
   });
@@ -124,9 +131,9 @@ class Screen:
             self.page.mouse.move(*point, steps=3)
         self.page.mouse.up()
 
-    def touch(self, points: list[tuple[float, float]], pointer: str) -> None:
-        """Draw a stroke with a finger or a pen, as the browser tells it: ``touch`` or ``pen``."""
-        self.page.locator("canvas.plate").evaluate(TOUCH, [points, pointer])
+    def touch(self, points: list[tuple[float, float]], pointer: str, every: int = 4) -> None:
+        """Draw a stroke with a finger or a pen, as the browser tells it: ``touch`` or ``pen``; a point ``every`` ms."""
+        self.page.locator("canvas.plate").evaluate(TOUCH, [points, pointer, every])
 
     def picture(self, name: str, tmp_path: Path) -> None:
         """Keep a picture of the page as it is."""
@@ -186,7 +193,8 @@ def browser() -> Iterator[Browser]:
 @pytest.fixture(scope="session")
 def plant(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Plant]:
     """A server whose kinematic arm takes as long as a real one; one for all these tests, its start is the slow part."""
-    made = Plant(tmp_path_factory.mktemp("plant"), SETTINGS.format(driver="kinematic", realtime="true"))
+    settings = SETTINGS.format(driver="kinematic", realtime="true") + SECOND
+    made = Plant(tmp_path_factory.mktemp("plant"), settings)
     with ThreadPoolExecutor(1) as thread:  # setting up runs a loop for a moment, and playwright has one here
         thread.submit(made.set_up).result()
     try:

@@ -73,3 +73,23 @@ def test_who_did_what_is_read_by_engineers_and_refused_to_others_in_words(
     other = screens.sign_in("mes", "/audit")
     other.marked("audit-refusal").get_by_text("The audit trail is for engineers and administrators").wait_for()
     assert other.marked("audit").locator("td").count() == 0
+
+
+def test_each_workstation_is_chosen_and_stopped_by_itself(screens: Screens, tmp_path: Path) -> None:
+    screen = screens.sign_in("engineer", "/run")
+    arm = screen.marked("arm-state")
+
+    def choose(station: str) -> None:
+        screen.page.locator(".station-choice").click()
+        screen.page.get_by_role("option", name=station).click()
+        arm.get_by_text(f"{station}:").wait_for()
+
+    choose("ws2")
+    screen.button("Stop motion ws2").click()
+    arm.get_by_text("ws2: protective stop").wait_for()
+    choose("ws1")
+    arm.get_by_text("ws1: at rest").wait_for()
+    choose("ws2")
+    screen.marked("reset-home").click()
+    arm.get_by_text("ws2: at rest").wait_for()
+    choose("ws1")

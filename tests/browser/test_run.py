@@ -6,8 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from playwright.sync_api import expect
 
-from tests.browser.conftest import Screen, Screens, away_from_the_browser
+from tests.browser.conftest import PATIENCE, Screen, Screens, away_from_the_browser
 
 pytestmark = pytest.mark.browser
 CORNERS = ((0.15, 0.75), (0.35, 0.25), (0.5, 0.7), (0.65, 0.25), (0.85, 0.75))
@@ -63,7 +64,10 @@ def test_three_strokes_are_learned_approved_by_another_and_run(
     teacher = screens.sign_in("teacher", "/teach")
     teacher.page.wait_for_selector("canvas.plate")
     for number, shake in enumerate((0.0, 0.012, -0.01), start=1):
-        teacher.draw(stroke(shake))
+        if number == 1:
+            teacher.draw(stroke(shake))
+        else:
+            teacher.touch(stroke(shake), "pen", every=40)
         teacher.page.locator("[data-mark='count']", has_text=f"{number} demonstrations").wait_for()
     teacher.page.get_by_label("Name of the skill").fill(drawn)
     teacher.says("Ready to learn")
@@ -84,8 +88,9 @@ def test_three_strokes_are_learned_approved_by_another_and_run(
     away_from_the_browser(lambda: approve_and_deploy(plant, drawn))
     operator = screens.sign_in("mes", f"/run?skill={drawn}")
     operator.says(r"Version 1 \(deployed\)")
-    slow_down(plant, 0.2)
-    operator.page.locator("[data-mark='override-told']", has_text="20").wait_for()
+    slow_down(plant, 0.4)
+    operator.page.locator("[data-mark='override-told']", has_text="40").wait_for()
+    expect(operator.page.get_by_role("slider", name="Speed override")).to_have_attribute("aria-valuenow", "40")
     operator.button("Run").click()
     arm_says(operator, "moving")
     operator.button("Pause").click()
@@ -125,7 +130,7 @@ def stop_and_reset(screen: Screen, *, by_key: bool = False) -> None:
 def test_stop_motion_is_in_reach_in_every_state(plant: Any, screens: Screens, drawn: str, tmp_path: Path) -> None:
     screen = screens.sign_in("engineer", f"/run?skill={drawn}")
     screen.says(r"Version 1 \(deployed\)")
-    slow_down(plant, 0.2)
+    slow_down(plant, 0.5)
     stop_and_reset(screen)
 
     screen.button("Run").click()
@@ -263,7 +268,7 @@ def test_a_recipe_is_checked_in_the_form_and_by_the_server(
     assert saved.frame[3:] == pytest.approx((0.0, 0.0, math.sqrt(0.5), math.sqrt(0.5)))
     assert dict(saved.parameters) == {"BlendRadius": pytest.approx(0.0005)}
     screen.marked("defaults").click()
-    assert screen.page.get_by_label("Time step (ms)").input_value() == "8"
+    expect(screen.page.get_by_label("Time step (ms)")).to_have_value("8", timeout=PATIENCE)
 
 
 async def recipe_of(plant: Any, recipe_id: str) -> Any:

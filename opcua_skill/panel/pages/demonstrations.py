@@ -26,7 +26,7 @@ class DemonstrationList:
         flagged = len(version.flagged)
         ui.label(f"{len(names)} {words('demonstrations')}").classes("sheet-title")
         note = f"{flagged} {words('flagged')}" if flagged else words("none flagged")
-        ui.label(f"{note} · {words('largest distance from the path, worst first')}").classes("small soft")
+        ui.label(f"{note} · {words('largest distance from the path and where, worst first')}").classes("small soft")
         self._rows: dict[str, tuple[ui.element, ui.checkbox, ui.button]] = {}
         with ui.element("div").classes("demo-list"):
             for name in names:
@@ -45,7 +45,7 @@ class DemonstrationList:
             raw = page.version.material.raw[name]
             label.tooltip(" · ".join(part for part in (raw.operator, raw.source, f"{len(raw.times)} samples") if part))
             with ui.element("div").classes("line").style("width:auto;flex-wrap:nowrap;gap:2px"):
-                there = f" {words('at')} {percent(error['place'])}" if error.get("place") is not None else ""
+                there = f" · {percent(error['place'])}" if error.get("place") is not None else ""
                 ui.label(f"{mm(error.get('max'), 1)}{there}").classes("small mono")
                 back = ui.button(icon="restore", on_click=lambda: self._restore(name)).props("flat dense round size=xs")
                 back.tooltip(words("Take its struck samples in again"))
@@ -53,6 +53,8 @@ class DemonstrationList:
                 place = verdict.get("place")
                 where = f"{words('at')} {percent(place)}: " if place is not None else ""
                 ui.label(f"⚠ {where}{page.version.flagged[name]}").classes("demo-why")
+            elif verdict.get("fault") == "excluded":
+                ui.label(words("taken out by a person")).classes("demo-why soft")
         row.on("mouseenter", lambda: page.chart.overlay(highlight=name), throttle=0.15)
         row.on("mouseleave", lambda: page.chart.overlay(highlight=None), throttle=0.15)
         self._rows[name] = (row, box, back)

@@ -1,6 +1,7 @@
 """The newest jobs of a workstation as a table: what each measured, to be played or taken away as CSV."""
 
 from collections.abc import Awaitable, Callable
+from dataclasses import replace
 
 from nicegui import ui
 
@@ -9,6 +10,11 @@ from opcua_skill.panel.frame import Frame
 from opcua_skill.panel.shown import mm, moment, state_tag
 
 SHOWN_JOBS = 10
+
+
+def told_of(jobs: tuple[JobReport, ...]) -> str:
+    """Return what is said of jobs, without what changes several times a second while one runs."""
+    return repr([replace(one, progress=0.0) for one in jobs])
 
 
 class JobTable:
@@ -23,10 +29,14 @@ class JobTable:
         self.frame, self.words, self.play, self.download = frame, frame.words, play, download
         with ui.element("table").classes("panel-table jobs-table").props('data-mark="jobs"') as table:
             self.table = table
+        self.told = ""
 
     def show(self, jobs: tuple[JobReport, ...]) -> None:
-        """Show jobs, the newest first."""
-        words = self.words
+        """Show jobs, the newest first. Rows are made anew only when they say something else: no press is lost."""
+        words, told = self.words, told_of(jobs[:SHOWN_JOBS])
+        if told == self.told:
+            return
+        self.told = told
         self.table.clear()
         with self.table:
             with ui.element("tr"):

@@ -93,6 +93,9 @@ class RecorderSheet:
                 self.plate.track(np.zeros((0, 2)), np.zeros(0, dtype=bool), begin=True)
             self.shown = ("", 0)
         self.presses = await recorder.presses(state.recording_id) if state.recording_id else None
+        if (shown := self.presses) is not None:
+            with self.frame.client:
+                self.plate.presses(list(zip(shown.first, shown.last, strict=True)))
         before, self.state = self.state, state
         if state != before:
             with self.frame.client:

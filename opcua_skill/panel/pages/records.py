@@ -1,15 +1,18 @@
 """Records: what the server told since one signed in (audit events among it), and the jobs of every workstation."""
 
+import re
 from collections.abc import Iterable
 
 from nicegui import ui
 
 from opcua_skill.panel.frame import Frame
+from opcua_skill.panel.pages.jobs import told_of
 from opcua_skill.panel.session import Happening
 from opcua_skill.panel.shown import mm, moment, state_tag
 
 MOST = 150
 SEVERE = 500
+DIGEST, SHORT = re.compile(r"\b([0-9a-f]{12})[0-9a-f]{52}\b"), r"\1…"
 
 
 def changes(happenings: Iterable[Happening]) -> list[Happening]:
@@ -56,10 +59,10 @@ async def records_page(frame: Frame) -> None:
                             ui.label(f"{one.at.astimezone():%H:%M:%S}").classes("mono")
                         with ui.element("td").classes("wraps"):
                             bad = one.event.severity >= SEVERE
-                            label = ui.label(f"{'⚠ ' if bad else ''}{one.event.message}")
+                            label = ui.label(f"{'⚠ ' if bad else ''}{DIGEST.sub(SHORT, one.event.message)}")
                             if bad:
                                 label.classes("check-bad")
-        known = tuple(station.jobs for station in session.stations.values())
+        known = [told_of(station.jobs) for station in session.stations.values()]
         if shown.get("jobs") != known:
             shown["jobs"] = known
             jobs.clear()

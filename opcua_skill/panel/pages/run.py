@@ -34,6 +34,8 @@ class RunPage:
         self.mine = ""
         self.shown_jobs: tuple[JobReport, ...] | None = None
         self.was_active = False
+        self.queued: list[str] = []
+        self.shown_override = 0
         self.station = self.session.station_name
 
     async def open(self, skill: str) -> None:
@@ -253,6 +255,9 @@ class RunPage:
         self.abort.set_enabled(job is not None and job.state != "Stopping")
         if arm is not None:
             self.override_told.text = f"{words('Speed override')}: {percent(arm.speed_override)}"
+            if (told := round(100.0 * arm.speed_override)) != self.shown_override:
+                self.shown_override = told  # somebody set it, here or elsewhere: the slider never says something else
+                self.override.value = told
             if not self.was_active and job is not None:
                 self.player.begin()
             if job is not None and job.mode != "simulation" and job.state in ("Running", "Paused", "Stopping"):
@@ -276,7 +281,10 @@ class RunPage:
 
     def _show_queue(self, waiting: list[JobReport]) -> None:
         """List what waits, the next one first; each can be taken out."""
-        words = self.words
+        words, ids = self.words, [one.job_id for one in waiting]
+        if ids == self.queued:
+            return
+        self.queued = ids
         self.queue.clear()
         with self.queue:
             if waiting:

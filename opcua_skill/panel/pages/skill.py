@@ -10,6 +10,7 @@ from nicegui import ui
 from models.demonstration import Edits
 from opcua_skill.client import Path, Skill
 from opcua_skill.panel.chart import ReviewChart, chart_data, packed_path, thinned
+from opcua_skill.panel.comparing import wrong
 from opcua_skill.panel.frame import Frame, choose
 from opcua_skill.panel.pages.comparison import Comparison
 from opcua_skill.panel.pages.demonstrations import DemonstrationList
@@ -52,9 +53,7 @@ async def read_version(session: PanelSession, name: str, number: int) -> Version
     kept = session.kept.setdefault(("draft", name, skill.version), Draft(saved))
     assert isinstance(kept, Draft)
     flagged = {
-        one["demonstrationId"]: one.get("reason", "")
-        for one in skill.document.get("verdicts") or ()
-        if one["kind"] != "used"
+        one["demonstrationId"]: one.get("reason", "") for one in skill.document.get("verdicts") or () if wrong(one)
     }
     return Version(skill, material, kept, flagged)
 

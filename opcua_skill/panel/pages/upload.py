@@ -31,7 +31,7 @@ class UploadSheet:
         self, frame: Frame, take: Callable[[Sequence[Demonstration]], None], taken: Callable[[], list[Demonstration]]
     ) -> None:
         self.frame, self.words, self.take, self.taken = frame, frame.words, take, taken
-        self.waiting: list[tuple[str, bytes, Choices]] = []
+        self.refusals: dict[str, str] = {}
         words = self.words
         ui.label(words("Upload recordings")).classes("sheet-title")
         may = frame.session.may("learn")
@@ -47,7 +47,7 @@ class UploadSheet:
             told = words("as in the file")
             self.unit = choose({one: one or told for one in UNITS}, "", label=words("Unit")).classes("half")
             self.up = choose({one: one or told for one in AXES}, "", label=words("Up is")).classes("half")
-        self.wrong = ui.label().classes("check-bad small").props('data-mark="upload-refusal"')
+        self.wrong = ui.label().classes("check-bad small lines").props('data-mark="upload-refusal"')
         self.asking = ui.element("div").classes("stack").props('data-mark="upload-choice"')
         self.flat = ui.button(words("Lay into their plane (2-D)"), icon="layers", on_click=self._flatten)
         self.flat.props('no-caps outline dense data-mark="flatten"')
@@ -59,7 +59,7 @@ class UploadSheet:
 
     async def _given(self, event: UploadEventArguments) -> None:
         content = await event.file.read()
-        self.wrong.text = ""
+        self._refused(event.file.name, "")
         await self._read(event.file.name, content, Choices(unit=self.unit.value or "", up_axis=self.up.value or ""))
 
     async def _read(self, name: str, content: bytes, choices: Choices) -> None:
@@ -69,11 +69,18 @@ class UploadSheet:
             self._ask(name, content, choices, needed)
             return
         except ReaderError as wrong:
-            self.wrong.text = f"✕ {plain_sentence(wrong)}"
+            self._refused(name, plain_sentence(wrong))
             return
         self.take(found)
         self.frame.tell(f"{name}: {len(found)} {self.words('demonstrations')}")
         self.refresh()
+
+    def _refused(self, name: str, sentence: str) -> None:
+        """Show what is wrong with each file, until it is given again: the next file does not wipe it out."""
+        self.refusals.pop(name, None)
+        if sentence:
+            self.refusals[name] = sentence
+        self.wrong.text = "\n".join(f"✕ {one}" for one in self.refusals.values())
 
     def _ask(self, name: str, content: bytes, choices: Choices, needed: ChoiceNeeded) -> None:
         """Ask in place for what a file leaves open; other files can be chosen meanwhile."""
@@ -102,8 +109,9 @@ class UploadSheet:
             plane = common_plane(in_space)
             laid = iter(onto_plane(in_space, plane))
         except LibraryError as wrong:
-            self.wrong.text = f"✕ {wrong}"
+            self._refused("", str(wrong))
             return
+        self._refused("", "")
         recordings[:] = [next(laid) if one.dimension == 3 else one for one in recordings]
         self.frame.tell(f"{words('Laid into their plane; they were away from it by')} {mm(plane.deviation)} (RMS)")
         self.take([])

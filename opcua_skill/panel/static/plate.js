@@ -34,7 +34,7 @@ export default {
     show(strokes) { this.strokes = strokes; this.draw(); },
     // samples of a tracker: {points: [[x, y] mm], pressed, begin: whether a new recording begins}
     track(told) {
-      if (told.begin) { this.tracked = []; this.area = [0, 0, this.width, this.height]; }
+      if (told.begin) { this.tracked = []; this.ranges = null; this.area = [0, 0, this.width, this.height]; }
       let [x0, y0, x1, y1] = this.area;
       told.points.forEach(([x, y], i) => {
         this.tracked.push([x, y, told.pressed[i]]);
@@ -46,6 +46,8 @@ export default {
       this.$el.dataset.pressed = this.tracked.filter((one) => one[2]).length;
       if (grown || told.begin) this.fit(); else this.draw();
     },
+    // ranges: [[first, last]] of the samples that are demonstrations
+    presses(ranges) { this.ranges = ranges; this.draw(); },
     px(x, y) { return [this.left + this.scale * x, this.bottom - this.scale * y]; },
     mm(e) {
       const box = this.$refs.canvas.getBoundingClientRect();
@@ -111,7 +113,11 @@ export default {
       for (let i = 0; i <= all.length; i++) {
         const one = all[i];
         if (one && one[2]) { if (!(i % step) || !run.length) run.push(one); continue; }
-        if (run.length) { this.line(run, "#1f5fa8", 2.5, []); run = []; }
+        if (run.length) {
+          const kept = !this.ranges || this.ranges.some(([first, last]) => i - 1 >= first && i - 1 <= last + 2);
+          this.line(run, kept ? "#1f5fa8" : "#b9c3cd", kept ? 2.5 : 1.2, kept ? [] : [3, 4]);
+          run = [];
+        }
         if (one && !(i % Math.max(step, 3))) { const [x, y] = this.px(one[0], one[1]); c.fillStyle = "#9aa9b8"; c.fillRect(x - 1, y - 1, 2, 2); }
       }
       const last = all[all.length - 1];
