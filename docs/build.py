@@ -88,7 +88,25 @@ async def _write_types(server: SkillServer, file: Path) -> None:
     ours = sorted((key for key in nodes if key.NamespaceIndex == index), key=lambda key: key.to_string())
     exporter = XmlExporter(server)
     await exporter.build_etree([server.get_node(key) for key in ours])
+    _leave_out_inherited_fields(exporter.etree.getroot())
     await exporter.write_xml(file)
+
+
+def _leave_out_inherited_fields(root: Any) -> None:
+    """Leave each structure its own fields alone: in a node set the inherited ones stand with the supertype."""
+    found = {one.get("NodeId"): one for one in root.iter("UADataType")}
+    names = {
+        key: {field.get("Name") for field in one.iter("Field")}
+        for key, one in found.items()
+        if one.find("Definition") is not None
+    }
+    for key, one in found.items():
+        for reference in one.iter("Reference"):
+            above = reference.text if reference.get("ReferenceType") == "HasSubtype" else ""
+            if reference.get("IsForward") == "false" and key in names and above in names:
+                definition = one.find("Definition")
+                for field in [field for field in definition if field.get("Name") in names[above]]:
+                    definition.remove(field)
 
 
 def main() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from library.readers.plain_csv import write
-from models.people import simulated_people
+from models.people import ZIGZAG_IN_SPACE, simulated_people
 from opcua_skill.cli import status_of
 
 if TYPE_CHECKING:
@@ -131,3 +131,22 @@ def test_a_server_with_another_certificate_gets_no_password(as_user: Run, plant:
         assert "another certificate" in as_user("visitor", "skills", "list", status=1)
     finally:
         known.write_bytes(kept)
+
+
+def test_tool_orientation_goes_from_files_into_the_skill_and_its_picture(
+    as_user: Run, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    people = simulated_people(3, 3, corners=ZIGZAG_IN_SPACE, orientation=True)[0]
+    for one in people:
+        write(tmp_path / f"{one.demonstration_id}.csv", one)
+    files = [str(file) for file in sorted(tmp_path.glob("*.csv"))]
+    assert "qx,qy,qz,qw" in Path(files[0]).read_text(encoding="utf-8").splitlines()[0]
+    learned = as_user("teacher", "learn", "held", *files, "--type", "Gluing", "--option", "preset=free")
+    assert learned["report"]["preset"] == "free"
+    shown = as_user("visitor", "skills", "show", "held")
+    assert {len(row) for row in shown["means"]} == {2 + 3 + 4}
+    picture = tmp_path / "held.png"
+    as_user("visitor", "skills", "plot", "held", "-o", str(picture))
+    assert picture.stat().st_size > 10_000
+    assert status_of(["skills", "show", "held", "--user", "visitor"]) == 0
+    assert "the paper's preset would lie" in capsys.readouterr().out
