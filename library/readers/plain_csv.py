@@ -60,12 +60,6 @@ _COLUMN = re.compile(r"([a-z_]+?)(?:_(s|ms|us|ns|m|cm|mm)| ?[\[(](\w+)[\])])?")
 _MARKER = re.compile(r"(.*[^_. :])[_. :]([xyzXYZ])((?:_(?:m|cm|mm)| ?[\[(]\w+[\])])?)")
 
 
-def is_plain_csv(sheet: Sheet) -> bool:
-    """Return whether the first line names columns of a plain CSV file."""
-    names = {_COLUMN.sub(r"\1", cell.lower()) for cell in sheet.rows[0]} if sheet.rows else set[str]()
-    return {"x", "y"} <= names or bool(names & {"t", "time", "timestamp"})
-
-
 def read(sheet: Sheet, choices: Choices) -> list[Demonstration]:
     """Return the demonstrations of a plain CSV file, in the order in which they begin."""
     header = _header(sheet, choices)

@@ -1,8 +1,12 @@
 """How long a recorder keeps what it has: closed recordings for an hour, the newest few, and never without bound."""
 
+import asyncio
+import contextlib
 from typing import Any, cast
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from opcua_skill.methods import recorder as rules
 from opcua_skill.methods.library import LibraryMethods
@@ -123,3 +127,55 @@ async def test_a_button_that_was_written_is_forgotten_with_its_recording(scene: 
     assert not scene.recorder.trigger
     await scene.start()
     assert scene.recorder.button is None
+
+
+STEPS = ("start", "append", "finish", "discard", "discard one", "lose", "wait", "press", "release", "read")
+
+
+@given(st.lists(st.tuples(st.sampled_from(STEPS), st.sampled_from(["one", "two"]), st.integers(0, 40)), max_size=40))
+@settings(deadline=None, max_examples=150)
+def test_whatever_is_asked_in_whatever_order_the_recorder_stays_consistent(steps: list[tuple[str, str, int]]) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        # The structures of the wire exist where a server has loaded its types; here the values do.
+        patch.setattr(rules, "wire_demonstration", lambda one: one)
+        asyncio.run(whatever(steps))
+
+
+async def whatever(steps: list[tuple[str, str, int]]) -> None:
+    """Ask in this order; a refusal is an answer, anything else that is raised is a fault."""
+    scene, names, counted = Scene(), ["none"], dict[str, int]()
+    recorder = scene.recorder
+    for step, session, number in steps:
+        name = names[-1 - (number % 5 == 0) * (len(names) - 1) // 2]
+        with calling_as(Caller("ada", Role.TEACHER, session, "")), contextlib.suppress(Refused):
+            if step == "start":
+                names += await recorder.start_recording(2, "", "")
+            elif step == "append":
+                samples, _ = await scene.append(name, number, session)
+                counted[name] = counted.get(name, 0) + number
+                assert samples == counted[name]
+            elif step == "finish":
+                [shown] = await recorder.finish_recording(name)
+                assert all(len(one.times) >= 3 for one in shown)
+            elif step == "discard":
+                await recorder.discard_recording(name, "")
+            elif step == "discard one":
+                await recorder.discard_recording(name, "demonstration-01")
+            elif step == "lose":
+                recorder.session_closed(session)
+            elif step == "wait":
+                scene.now += 100.0 * number
+                recorder.forget_old()
+            elif step == "read":
+                await recorder.get_recording("", number)
+                await recorder.list_demonstrations(name)
+            else:
+                await recorder.press(step == "press")
+        kept = [one.recording for one in recorder._kept.values()]
+        assert sum(one.is_open for one in kept) <= 1
+        assert len(kept) <= KEPT
+        for one in kept:
+            assert one.samples == counted.get(one.recording_id, 0)
+            ends = [bound for press in one.all_presses for bound in (press.first, press.end)]
+            assert ends == sorted(ends)
+            assert not ends or ends[-1] <= one.samples
