@@ -79,7 +79,7 @@ class JobEngine:
         """Fail the jobs a crash left behind, open the arms, start the lanes."""
         for report in await self._library.interrupt_unfinished():
             _log.warning("job %s was interrupted by the last stop", report.job_id)
-        await asyncio.gather(*(station.arm.open() for station in self.stations.values()))
+        await asyncio.gather(*(station.open() for station in self.stations.values()))
         for station in self.stations.values():
             station.lane.start()
             station.simulation.start()

@@ -124,7 +124,7 @@ class WorkstationMethods:
         """Acknowledge a protective stop or a fault, so that the arm may move again."""
         check_text(comment, "comment", 2000)
         self.lock.check(caller().session_id)
-        await self.station.arm.reset()
+        await self.station.reset()
         return ()
 
     async def init_lock(self, context: str) -> tuple[Any, ...]:

@@ -42,10 +42,18 @@ class ScriptedArm:
         self.running = asyncio.Event()
         self.fault: ArmFault | None = None
         self.refusal: StartRefused | None = None
+        self.silent = ""
         self._stop_because = ""
 
+    def be_silent(self, because: str) -> None:
+        """Be an arm that does not answer until ``silent`` is empty again."""
+        self.silent, self.now = because, replace(STILL, mode=ArmMode.CLOSED)
+
     async def open(self) -> None:
+        if self.silent:
+            raise ArmFault("Timeout", self.silent)
         self.opened += 1
+        self.now = STILL
 
     async def close(self) -> None:
         self.closed += 1

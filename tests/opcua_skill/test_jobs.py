@@ -79,9 +79,11 @@ class Plant:
 
 
 @asynccontextmanager
-async def plant_with(folder: Path, **settings: object) -> AsyncIterator[Plant]:
+async def plant_with(folder: Path, *, silent: str = "", **settings: object) -> AsyncIterator[Plant]:
     library = await SkillLibrary.open(folder / "skills.db")
     made = Plant(library, Settings(data=folder, **settings))  # type: ignore[arg-type]
+    if silent:
+        made.arms[silent, False].be_silent("no cable")
     await made.engine.start()
     try:
         yield made
@@ -196,6 +198,21 @@ async def test_an_arm_in_protective_stop_takes_no_job_until_it_is_reset(plant: P
         await plant.engine.execute("ws1", "glue", recipe, "production", "mes")
     await arm.reset()
     assert (await plant.engine.execute("ws1", "glue", recipe, "production", "mes")).state is JobState.QUEUED
+
+
+async def test_an_arm_that_does_not_answer_keeps_no_other_from_being_served(tmp_path: Path) -> None:
+    both = (Workstation(), Workstation(name="ws2"))
+    async with plant_with(tmp_path, silent="ws2", workstations=both) as plant:
+        await plant.approved("ws1", "ws2")
+        recipe, broken = await plant.recipe(), plant.engine.stations["ws2"]
+        assert (await plant.engine.execute("ws1", "glue", recipe, "production", "mes")).state is JobState.QUEUED
+        with pytest.raises(ArmNotReady, match="waits for a reset: closed"):
+            await plant.engine.execute("ws2", "glue", recipe, "production", "mes")
+        with pytest.raises(ArmNotReady, match="does not answer: no cable"):
+            await broken.reset()
+        plant.arms["ws2", False].silent = ""
+        await broken.reset()
+        assert (await plant.engine.execute("ws2", "glue", recipe, "production", "mes")).state is JobState.QUEUED
 
 
 async def test_a_full_queue_refuses_and_stores_nothing(tmp_path: Path) -> None:
