@@ -33,7 +33,7 @@ class Scene:
 
     async def append(self, name: str, count: int, session: str = "one") -> Any:
         times = [self._told + n / 100 for n in range(1, count + 1)]
-        self._told = times[-1]
+        self._told += count / 100
         with calling_as(Caller("ada", Role.TEACHER, session, "")):
             return await self.recorder.append_samples(name, times, [0.0] * 2 * count, [], [])
 
