@@ -19,24 +19,29 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import gaussian_filter1d
 
 from models.demonstration import Floats
-from models.group import diagonal
+from models.evaluation import smoothness
+from models.group import diagonal, directions
 from models.mixture import Mixture, fit_tied, in_bins
 from models.phase import corners
 from models.regression import activations
 
 CORNER = 0.05
 STRAIGHT = 0.02
-CURVE_COMPONENTS = (6, 8, 10, 12, 16, 20, 24)
-CURVE_SHARPNESS = (0.35, 0.5)
+CURVE_COMPONENTS = (6, 8, 10, 12, 16, 20, 24, 32)
+CURVE_SHARPNESS = (0.25, 0.4)
 POLYGON_SHARPNESS = (1.4, 1.7, 2.0, 2.5, 3.0, 4.0)
-CORNER_MISS = 0.003
-RMS_MISS = 0.0008
-MAX_MISS = 0.003
-UNCERTAINTY_RMS = 0.05
-UNCERTAINTY_MAX = 0.1
-BENT = 2.0
+CORNER_MISS = 0.001
+BENDING = (0.0, 0.65)
+BENDING_WIDTH = 0.01
+BENT_RMS = 0.0016
+BENT_MAX = 0.006
+TOLERANCES = (0.0012, 0.0015, 0.0018, 0.0022, 0.003, 0.004)
+UNCERTAINTY = 0.05
+NEAR = 0.003
+ROUGH = -13.0
 TURN_MISS = 0.01
 MOST_PARTS = 4
 ALONG = 0.003
@@ -62,14 +67,15 @@ class Handover:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit:
-    """A hand-over, the lines ``coefficients`` (2 K, d) under it, and how far the path is from the mean: rms and
-    largest, m.
+    """A hand-over, the lines ``coefficients`` (2 K, d) under it, how far the path is from the mean (rms and largest,
+    m) and its smoothness (log dimensionless jerk).
     """
 
     handover: Handover
     coefficients: Floats
     rms: float
     furthest: float
+    smoothness: float
 
 
 def edges_of(mean: Floats) -> tuple[tuple[int, ...], bool]:
@@ -87,31 +93,48 @@ def fit_handover(
 ) -> Fit:
     """Return the hand-over and lines for a mean path (n, d) at even clock steps 0..1.
 
-    ``samples`` (r, 1 + d): clock and position of all demonstrations, for the mixture; ``uncertainty``: standard
-    error of the mean
-    in m; ``components``: how many, 0 to choose; ``turned`` (n, 4): the mean orientation, if any. A polygon gets one
-    for each
-    edge (more if the tool turns too much along an edge) and the widest hand-over that does not cut its corners by
-    0.3 % of the diagonal more than the sharpest does. A curve gets the fewest of 6 to 24, with the widest hand-over,
-    that stay
-    within 0.08 % (rms) and 0.3 % (anywhere) of the diagonal from the mean, or within a tenth of its standard error.
+    ``samples`` (r, 1 + d): clock and position of all demonstrations, for the mixture; ``uncertainty``: standard error
+    of the mean in m; ``components``: how many, 0 to choose; ``turned`` (n, 4): the mean orientation, if any. A polygon
+    gets one for each edge (more if the tool turns too much along an edge) and the widest hand-over that does not cut
+    its corners by 0.1 % of the diagonal more than the sharpest does. A curve gets the fewest components that follow
+    the mean closely and smoothly (``_smooth_curve``).
     """
     size = diagonal(mean)
     found, polygon = edges_of(mean)
     if polygon and components in {0, len(found) - 1}:
-        bent = [count for count in CURVE_COMPONENTS if count < len(found) and not components]
-        if _first_within(mean, samples, bent, BENT * RMS_MISS * size, BENT * MAX_MISS * size) is None:
+        fewer = [count for count in CURVE_COMPONENTS if count < len(found) and not components]
+        if not any(
+            fit.rms <= BENT_RMS * size and fit.furthest <= BENT_MAX * size
+            for fit in _curves(mean, samples, fewer, CURVE_SHARPNESS)
+        ):
             return _polygon(mean, samples, _divided(mean, samples, found, turned if not components else None))
-    rms = max(RMS_MISS * size, UNCERTAINTY_RMS * uncertainty)
-    furthest = max(MAX_MISS * size, UNCERTAINTY_MAX * uncertainty)
     if not components:
-        fit = _first_within(mean, samples, CURVE_COMPONENTS, rms, furthest)
-        if fit:
-            return fit
-    count = components or CURVE_COMPONENTS[-1]
-    tried = list(_curves(mean, samples, count, (*CURVE_SHARPNESS, 0.7, 1.0, *POLYGON_SHARPNESS)))
-    good = (fit for fit in tried if fit.rms <= rms and fit.furthest <= furthest)
-    return next(good, min(tried, key=lambda fit: fit.furthest))
+        return _smooth_curve(mean, samples, uncertainty)
+    tied = fit_tied(samples, in_bins(samples, np.linspace(0.0, 1.0, components + 1)))
+    tried = [_fit(mean, _sharpened(tied, sharpness)) for sharpness in (*CURVE_SHARPNESS, 0.7, 1.0, *POLYGON_SHARPNESS)]
+    near = max(NEAR * size, UNCERTAINTY * uncertainty)
+    return next((fit for fit in tried if fit.furthest <= near), min(tried, key=lambda fit: fit.furthest))
+
+
+def _smooth_curve(mean: Floats, samples: Floats, uncertainty: float) -> Fit:
+    """Return the hand-over and lines that follow a curve's mean path (n, d) smoothly.
+
+    Of the tolerances 0.12 % to 0.4 % of the diagonal (or a twentieth of the mean's standard error) the first counts
+    that some fit keeps everywhere without being rougher than a hand; of those fits the smoothest with the fewest
+    components. Where there is none, the nearest one.
+    """
+    limits = [max(tolerance * diagonal(mean), UNCERTAINTY * uncertainty) for tolerance in TOLERANCES]
+    fits: list[Fit] = []
+    for count in CURVE_COMPONENTS:
+        fits += _curves(mean, samples, (count,), CURVE_SHARPNESS)
+        if any(fit.smoothness >= ROUGH and fit.furthest <= limits[0] for fit in fits):
+            break
+    smooth = [fit for fit in fits if fit.smoothness >= ROUGH]
+    for limit in limits:
+        near = [fit for fit in smooth if fit.furthest <= limit]
+        if near:
+            return min(near, key=lambda fit: (len(fit.handover.centres), -fit.smoothness))
+    return min(smooth or fits, key=lambda fit: fit.furthest)
 
 
 def _divided(mean: Floats, samples: Floats, found: tuple[int, ...], turned: Floats | None) -> tuple[int, ...]:
@@ -141,22 +164,27 @@ def _polygon(mean: Floats, samples: Floats, found: tuple[int, ...]) -> Fit:
     return next(fit for fit, miss in zip(fits, missed, strict=True) if miss <= limit)
 
 
-def _curves(mean: Floats, samples: Floats, count: int, sharpnesses: Sequence[float]) -> Iterator[Fit]:
-    """Give the fits with ``count`` components, widest hand-over first."""
-    tied = fit_tied(samples, in_bins(samples, np.linspace(0.0, 1.0, count + 1)))
-    for sharpness in sharpnesses:
-        yield _fit(mean, _sharpened(tied, sharpness))
+def _curves(mean: Floats, samples: Floats, counts: Sequence[int], sharpnesses: Sequence[float]) -> Iterator[Fit]:
+    """Give the fits with each of ``counts`` components in even bins of the clock, and in bins narrow where it bends.
 
-
-def _first_within(mean: Floats, samples: Floats, counts: Sequence[int], rms: float, furthest: float) -> Fit | None:
-    """Return the fit with the fewest of ``counts`` components that stays within these distances in m of the mean, or
-    none.
+    The lines are fitted to the mean anyway, so bins need no expectation maximisation: it neither brings them nearer
+    nor makes them smoother.
     """
     for count in counts:
-        for fit in _curves(mean, samples, count, CURVE_SHARPNESS):
-            if fit.rms <= rms and fit.furthest <= furthest:
-                return fit
-    return None
+        for share in BENDING:
+            bins = in_bins(samples, _bins(mean, count, share))
+            for sharpness in sharpnesses:
+                yield _fit(mean, _sharpened(bins, sharpness))
+
+
+def _bins(mean: Floats, count: int, share: float) -> Floats:
+    """Return the edges (count + 1,) of bins of a path (n, d): ``share`` of them spread by the root of its bending."""
+    clock = np.linspace(0.0, 1.0, len(mean))
+    turning = np.sqrt((np.gradient(directions(mean), axis=0) ** 2).sum(axis=1))
+    bending = np.sqrt(gaussian_filter1d(turning, BENDING_WIDTH * len(mean), mode="nearest"))
+    density = 1.0 - share + share * bending / max(float(bending.mean()), 1e-12)
+    filled = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]))])
+    return np.interp(np.linspace(0.0, 1.0, count + 1), filled / filled[-1], clock)
 
 
 def lines(handover: Handover, values: Floats) -> Floats:
@@ -209,7 +237,7 @@ def _fit(mean: Floats, handover: Handover) -> Fit:
     there = _distances(path, mean)
     back = _distances(mean, path)
     rms = float(np.sqrt(0.5 * ((there**2).mean() + (back**2).mean())))
-    return Fit(handover, coefficients, rms, float(max(there.max(), back.max())))
+    return Fit(handover, coefficients, rms, float(max(there.max(), back.max())), smoothness(path))
 
 
 def _distances(path: Floats, other: Floats) -> Floats:

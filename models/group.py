@@ -120,11 +120,25 @@ def lay_upon_each_other(curves: Floats, method: str, radius: int) -> Group:
         step = 1 if last_turn else COARSE
         found = warp(target[::step], features[:, ::step], late, early)
         first, last = found.first * step, found.last * step
-        positions = _finer(found.positions, points)
+        positions = _whole(_finer(found.positions, points), late, early)
         weights = _fading(first, last, late, early, points)
         if not last_turn:
             shape, positions, weights = _evened(mean_shape(taken(curves, positions), weights), positions, weights)
     return Group(positions, first / (points - 1.0), last / (points - 1.0), late, early, weights)
+
+
+def _whole(positions: Floats, late: Bools, early: Bools) -> Floats:
+    """Return positions (u, n) that begin with the first and end with the last sample of all who drew that end.
+
+    Many samples may match one instant, and their mean is inside the drawing: the ends would be drawn in. What is
+    missing at an end is caught up over 5 % of the shape.
+    """
+    positions = positions.copy()
+    count = positions.shape[1]
+    rising = np.clip(1.0 - np.arange(count) / (FADING * count), 0.0, 1.0)
+    positions[~late] -= positions[~late, :1] * rising
+    positions[~early] += (count - 1.0 - positions[~early, -1:]) * rising[::-1]
+    return positions
 
 
 def _finer(positions: Floats, points: int) -> Floats:
@@ -159,7 +173,7 @@ def mean_shape(points: Floats, weights: Floats) -> Floats:
 def _open_sides(curves: Floats, shape: Floats, first: Indices, last: Indices) -> tuple[Bools, Bools]:
     """Return who (u,) started late and who let go early.
 
-    Someone did if the drawing's end is far from the shape's: than 5 % of the diagonal and than three times the
+    Someone did if the drawing's end is far from the median end: than 5 % of the diagonal and than three times the
     others' usual distance; and if the open warp leaves at least 2 % of the shape unmatched
     there, and matches 30 % of it at all.
     """
@@ -167,7 +181,7 @@ def _open_sides(curves: Floats, shape: Floats, first: Indices, last: Indices) ->
     covering = last - first >= LEAST_COVER * len(shape)
     sides: list[Bools] = []
     for side, unmatched in ((0, first), (-1, most - last)):
-        away = np.sqrt(((curves[:, side] - shape[side]) ** 2).sum(axis=1))
+        away = np.sqrt(((curves[:, side] - np.median(curves[:, side], axis=0)) ** 2).sum(axis=1))
         limit = max(OPEN_DISTANCE * size, OPEN_SPREAD * float(np.median(away)))
         sides.append(covering & (away > limit) & (unmatched > OPEN_PHASE * most))
     return sides[0], sides[1]

@@ -11,9 +11,11 @@ from models.correspondence import Remark
 from models.demonstration import Floats
 from models.group import diagonal, directions, mean_shape, reference_of
 from models.phase import arc_lengths
+from models.placing import similarity
 
 WINDOW = 0.05
 FAR = 3.5
+PLACED = 2.0
 LEAST_SHARE = 0.7
 LEAST_SIZE = 0.03
 KEPT = 0.6
@@ -74,37 +76,63 @@ def mismatch(points: Floats, weights: Floats) -> float:
 def odd_ones(points: Floats, weights: Floats) -> dict[int, Remark]:
     """Return which of the aligned motions (u, n, d) are off, where and by how much, by their worst 5 % of the path.
 
-    Off is further across the path from the median motion than 3.5 times the others' median distance there (or 0.7
-    times their
-    usual worst, where they agree very well). Never more than 40 % of them, and never so that fewer than two are left.
+    Off is further across the path from the median motion than 3.5 times the others' usual distance there, also when
+    the motion is moved, turned and scaled onto the median. Who only draws the same shape elsewhere or at another size
+    may do so twice as far. Never more than 40 % of them, and never so that fewer than two are left.
     """
     count, instants = points.shape[:2]
     if count < 3:
         return {}
     middle = _median(points, weights)
-    ahead = directions(middle)
-    offsets = points - middle
-    offsets = offsets - (offsets * ahead).sum(axis=2, keepdims=True) * ahead
-    away = np.where(np.isfinite(offsets[:, :, 0]), np.sqrt((offsets**2).sum(axis=2)), 0.0)
-    width = max(1, round(WINDOW * instants))
-    sums = np.cumsum(np.concatenate([np.zeros((count, 1)), away], axis=1), axis=1)
-    windows = (sums[:, width:] - sums[:, :-width]) / width
-    usual = np.maximum(np.median(windows, axis=0), LEAST_SHARE * float(np.median(windows.max(axis=1))))
-    usual = np.maximum(usual, LEAST_SIZE / FAR * diagonal(middle))
-    ratio = windows / usual
-    worst = ratio.max(axis=1)
+    offsets = _across(points, middle)
+    ratio = _ratios(offsets, middle)
+    placed = _ratios(_across(_placed(points, middle), middle), middle).max(axis=1)
+    worst = np.minimum(ratio.max(axis=1), np.maximum(placed, ratio.max(axis=1) / PLACED))
     most = min(count - 2, int((1.0 - KEPT) * count))
     suspects = [int(row) for row in np.argsort(-worst, kind="stable")[:most] if worst[row] > FAR]
+    width = _width(instants)
     found: dict[int, Remark] = {}
     for row in suspects:
         start = int(ratio[row].argmax())
-        middle_of_window = start + width // 2
-        place = middle_of_window / (instants - 1)
+        place = (start + width // 2) / (instants - 1)
         offset = np.nanmean(offsets[row, start : start + width], axis=0)
         size = float(np.sqrt((offset * offset).sum()))
         reason = f"{place:.2f} of the path: {1e3 * size:.0f} mm {_side(offset)} the others"
         found[row] = Remark(reason, place, size)
     return found
+
+
+def _across(points: Floats, middle: Floats) -> Floats:
+    """Return the offsets (u, n, d) of motions (u, n, d) from the median motion (n, d), across the path only."""
+    ahead = directions(middle)
+    offsets = points - middle
+    return offsets - (offsets * ahead).sum(axis=2, keepdims=True) * ahead
+
+
+def _placed(points: Floats, middle: Floats) -> Floats:
+    """Return the motions (u, n, d), each moved, turned and scaled onto the median motion (n, d)."""
+    placed = points.copy()
+    for row, own in enumerate(points):
+        known = np.isfinite(own[:, 0])
+        placed[row, known] = similarity(own[known], middle[known]).of(own[known])
+    return placed
+
+
+def _ratios(offsets: Floats, middle: Floats) -> Floats:
+    """Return, for each motion and each 5 % of the path, its mean distance by the usual one there: shape (u, n - w + 1).
+
+    Usual is the median motion's, but 70 % of the motions' usual worst and 3 % of the diagonal by 3.5 at least.
+    """
+    away = np.where(np.isfinite(offsets[:, :, 0]), np.sqrt((offsets**2).sum(axis=2)), 0.0)
+    width = _width(away.shape[1])
+    sums = np.cumsum(np.concatenate([np.zeros((len(away), 1)), away], axis=1), axis=1)
+    windows = (sums[:, width:] - sums[:, :-width]) / width
+    usual = np.maximum(np.median(windows, axis=0), LEAST_SHARE * float(np.median(windows.max(axis=1))))
+    return windows / np.maximum(usual, LEAST_SIZE / FAR * diagonal(middle))
+
+
+def _width(instants: int) -> int:
+    return max(1, round(WINDOW * instants))
 
 
 def _median(points: Floats, weights: Floats) -> Floats:

@@ -90,17 +90,17 @@ def extras(curve: Floats, positions: Floats, path: Floats, times: Floats) -> tup
         return ()
     where = positions[known]
     passed = (where[reach:] - where[:-reach]) / (len(curve) - 1.0)
-    over = passed > LEAST_EXTRA + SKIPPED_IN
+    over = np.convolve(passed > LEAST_EXTRA + SKIPPED_IN, np.ones(reach)) > 0
     turns = np.flatnonzero(np.diff(np.concatenate([[False], over, [False]]).astype(np.int64)))
     lengths, size, tree = arc_lengths(curve), diagonal(path), cKDTree(path)
     index = np.arange(len(curve), dtype=np.float64)
     found: list[Extra] = []
     for first, after in zip(turns[::2], turns[1::2], strict=True):
-        low, high = float(where[first]), float(where[after - 1 + reach])
+        low, high = float(where[first]), float(where[after])
         inside = curve[int(np.ceil(low)) : int(high) + 1]
         away = float(tree.query(inside)[0].max())
         begun, ended = np.interp([low, high], index, times)
-        place = float(known[first] + known[after - 1 + reach]) / (2.0 * (count - 1))
+        place = float(known[first] + known[after]) / (2.0 * (count - 1))
         length = float(np.interp(high, index, lengths) - np.interp(low, index, lengths))
         found.append(Extra(place, float(begun), float(ended - begun), length, away, away < NEAR * size))
     return tuple(found)
