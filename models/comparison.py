@@ -118,7 +118,7 @@ def mean_repeatability(report: Mapping[str, Any]) -> float | None:
 
 
 def to_paper(motion: Motion, demonstrations: Sequence[Demonstration], edits: Edits, window: float) -> dict[str, Any]:
-    """Return how the paper's preset does on the same demonstrations, as JSON-able values.
+    """Return how the paper's preset does on the same demonstrations, those that are recordings of a motion at all.
 
     Its cost is bounded: at most 40 of the demonstrations, evenly chosen, at most 128 samples of each, warped exactly
     instead of by FastDTW. ``path_error`` and ``end_error`` are what the report of the preset itself would tell:
@@ -180,12 +180,11 @@ def _smoothness(motion: Motion) -> float:
 
 
 def _as_published(demonstrations: Sequence[Demonstration], edits: Edits, window: float) -> list[CleanMotion]:
-    """Return the motions the paper's preset would use: moving average alone, nobody left out but by an operator."""
-    given = [one for one in demonstrations if one.demonstration_id not in edits.excluded]
-    chosen = np.unique(np.linspace(0, len(given) - 1, min(len(given), PAPER_DEMONSTRATIONS)).round().astype(np.int64))
+    """Return the motions the paper's preset would use: moving average alone, no reflections taken out."""
+    most = min(len(demonstrations), PAPER_DEMONSTRATIONS)
     found: list[CleanMotion] = []
-    for index in chosen:
-        one, struck = _strided(given[int(index)], edits)
+    for index in np.unique(np.linspace(0, len(demonstrations) - 1, most).round().astype(np.int64)):
+        one, struck = _strided(demonstrations[int(index)], edits)
         try:
             found.append(clean(one, struck, window, despiking=False))
         except SkillError:

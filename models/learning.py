@@ -149,7 +149,7 @@ def _learn(
     tell(0.95, "comparing")
     if compare and options.preset != "paper":
         window = options.filter_window or FILTER_WINDOW
-        report = replace(report, paper=to_paper(motion, demonstrations, edits, window))
+        report = replace(report, paper=to_paper(motion, [demonstrations[index] for index in order], edits, window))
     if previous is not None:
         report = replace(report, previous=to_previous(motion, mean_repeatability(report.as_dict()), previous))
     tell(1.0, "learned")

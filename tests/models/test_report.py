@@ -7,7 +7,7 @@ import pytest
 
 from models.comparison import Previous, distance, mean_repeatability
 from models.demonstration import Demonstration, Edits
-from models.errors import MixedDemonstrations
+from models.errors import MixedDemonstrations, OptionOutOfRange
 from models.learning import LearnedMotion, LearningOptions, VerdictKind, learn
 from models.people import simulated_people
 from models.wording import what_it_did
@@ -105,6 +105,29 @@ def test_excluded_demonstrations_are_not_the_paper_s_either() -> None:
     assert told["demonstrations"] == 5
 
 
+def test_what_is_no_recording_is_not_the_paper_s_either() -> None:
+    tiny = replace(PEOPLE[0], demonstration_id="in another unit", points=1000.0 * PEOPLE[0].points)
+    told = learn([tiny, *PEOPLE]).report.paper
+    assert told is not None
+    assert told["demonstrations"] == 6
+    assert told["distance"]["max"] < 0.03
+
+
+def test_long_recordings_are_compared_by_a_share_of_their_samples() -> None:
+    dense, _ = simulated_people(3, 0, rate=1000.0)
+    thin = [replace(one, times=one.times[::10], points=one.points[::10], triggers=one.triggers[::10]) for one in dense]
+    ours, few = learn(dense).report.paper, learn(thin).report.paper
+    assert ours is not None
+    assert few is not None
+    assert ours["path_error"]["rms"] == pytest.approx(few["path_error"]["rms"], rel=0.35)
+
+
+def test_the_comparison_can_be_left_out(first: LearnedMotion) -> None:
+    alone = learn(PEOPLE, compare=False)
+    assert alone.report.paper is None
+    assert alone.motion.means.tobytes() == first.motion.means.tobytes()
+
+
 def paused(one: Demonstration, at: float, seconds: float) -> Demonstration:
     """Return the demonstration with a rest at this share of its samples."""
     index = int(at * len(one.times))
@@ -175,6 +198,11 @@ def test_both_directions_half_and_half_are_refused_as_that() -> None:
 def test_letting_go_early_is_not_another_shape(early: int) -> None:
     people, _ = simulated_people(16, 3, early_release=early, reflections=True)
     assert len(learn(people).motion.means) == 4
+
+
+def test_the_paper_s_preset_knows_no_free_place() -> None:
+    with pytest.raises(OptionOutOfRange, match="where they were drawn"):
+        LearningOptions(preset="paper", place="free")
 
 
 def test_a_preset_for_tasks_free_of_the_plate() -> None:
