@@ -43,6 +43,7 @@ async def test_a_server_registers_and_takes_it_back_when_it_stops(tmp_path: Path
             assert (await Client(mine.DiscoveryUrls[0]).connect_and_get_server_endpoints())[
                 0
             ].EndpointUrl == mine.DiscoveryUrls[0]
+        assert (online[0], online[-1]) == (True, False)
 
 
 async def test_a_discovery_server_that_is_away_does_not_keep_the_server_from_serving(tmp_path: Path):
