@@ -1,8 +1,10 @@
 """Draws pictures of plans in a process of its own: ``python -m sim.picture_worker REQUEST RESULT``, two files."""
 
 import io
+import math
 import pickle
 import sys
+import textwrap
 from pathlib import Path
 
 import matplotlib
@@ -21,6 +23,7 @@ from sim.silence import silent
 VIEW, CARD_HEIGHT = (760, 760), 760
 FRAME = (440, 360)
 FILM_MILLISECONDS = 4800
+NOTE_WIDTH = 84
 
 
 def still(model: ArmModel, plan: MotionPlan, view: str) -> bytes:
@@ -63,6 +66,8 @@ def _still(model: ArmModel, plan: MotionPlan, view: str, size: tuple[int, int]) 
         row = round(0.42 * plan.path_rows[0] + 0.58 * plan.path_rows[1])
         scene.place(plan.joints[row])
         camera = whole_arm(scene.part) if view == "arm" else at_work(scene.part)
+        rows = np.unique(np.linspace(*plan.path_rows, 60).astype(int))
+        camera = scene.with_a_view(camera, plan.tool[np.append(rows, [row] * 20)])
         lines: list[Line] = path_lines(plan, row, 1.2 if view == "arm" else 3.0)
         return scene.take(camera, size, lines)
     finally:
@@ -102,16 +107,24 @@ def _top_view(model: ArmModel, plan: MotionPlan) -> bytes:
     axes.set_ylabel("y in mm")
     report, order = plan.report, plan.order
     title = plan.recipe_id or "run without a recipe"
+    told = [line for finding in plan.findings for line in textwrap.wrap(finding.text, NOTE_WIDTH)]
+    held = f", nozzle tilted up to {math.degrees(report['tilt_max']):.0f} degrees" if "tilt_max" in report else ""
+    maker = "" if model.model.startswith(model.manufacturer.split()[0]) else f"{model.manufacturer} "
     facts = (
         f"{report['length'] * 1e3:.0f} mm in {report['path_duration']:.1f} s, {order.timing.replace('_', ' ')}, "
         f"{plan.samples} steps of {order.time_step * 1e3:g} ms\n"
         f"nozzle {report['speed_min'] * 1e3:.0f} to {report['speed_max'] * 1e3:.0f} mm/s, path kept to "
         f"{plan.path_error[1] * 1e3:.3f} mm, nearest obstacle {report['smallest_clearance'] * 1e3:.0f} mm\n"
-        f"{model.manufacturer} {model.model}, plan {plan.digest[:16]}"
+        f"{maker}{model.model}{held}, plan {plan.digest[:16]}"
     )
-    axes.set_title(title, fontsize=13, fontweight="bold", loc="left", pad=52)
-    axes.text(0.0, 1.015, facts, transform=axes.transAxes, fontsize=9, color="#30363d", va="bottom")
+    lift = 14 + 13 * len(told)
+    axes.set_title(title, fontsize=13, fontweight="bold", loc="left", pad=38 + lift)
+    below_title = {"xycoords": "axes fraction", "textcoords": "offset points", "va": "bottom", "fontsize": 9}
+    axes.annotate(facts, (0.0, 1.0), (0, lift - 6), color="#30363d", **below_title)
+    if told:
+        axes.annotate("\n".join(told), (0.0, 1.0), (0, 5), color="#9a3b00", fontweight="bold", **below_title)
     figure.colorbar(wet, ax=axes, label="nozzle speed in mm/s", fraction=0.05, pad=0.03)
+    figure.get_layout_engine().set(w_pad=0.12, h_pad=0.08)  # pyright: ignore[reportOptionalMemberAccess, reportAttributeAccessIssue, reportCallIssue]
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.09), ncol=2, frameon=False)
     axes.grid(color="#d0d7de", lw=0.5, zorder=0)
     out = io.BytesIO()

@@ -7,7 +7,7 @@ size.
 
 import io
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -23,6 +23,7 @@ ON, OFF, AHEAD = (235, 110, 20), (110, 120, 135), (40, 90, 200)
 FIELD_OF_VIEW = 32.0
 NEAR, FAR = 0.05, 8.0
 OVERSAMPLING = 2
+ROUND, ROUGH, GOOD = (0.0, -76.0, 90.0, 180.0), (150, 150), 0.9
 TABLE_COLOUR, PART_COLOUR, PLATE_COLOUR = (0.80, 0.77, 0.72, 1.0), (0.36, 0.40, 0.46, 1.0), (0.80, 0.88, 0.95, 1.0)
 PLATE = 0.004
 
@@ -88,10 +89,7 @@ class Scene:
     def take(self, camera: Camera, size: tuple[int, int], lines: list["Line"]) -> Image.Image:
         """Return a picture of ``size`` pixels with lines drawn into it where nothing hides them."""
         width, height = (OVERSAMPLING * side for side in size)
-        view = pybullet.computeViewMatrixFromYawPitchRoll(
-            camera.target, camera.distance, camera.yaw, camera.pitch, 0.0, 2
-        )
-        lens = pybullet.computeProjectionMatrixFOV(FIELD_OF_VIEW, width / height, NEAR, FAR)
+        view, lens = _matrices(camera, width / height)
         _, _, pixels, depth, _ = pybullet.getCameraImage(
             width, height, view, lens, lightDirection=(0.4, -0.6, 1.4), lightColor=(1.0, 1.0, 1.0), shadow=1,
             lightAmbientCoeff=0.62, lightDiffuseCoeff=0.45, lightSpecularCoeff=0.12,
@@ -104,10 +102,26 @@ class Scene:
         colours[empty] = np.clip(np.broadcast_to(shade[:, None], colours.shape), 0, 255).astype(np.uint8)[empty]
         image = Image.fromarray(colours)
         draw = ImageDraw.Draw(image)
-        matrix = np.array(lens).reshape(4, 4).T @ np.array(view).reshape(4, 4).T
+        matrix = _projection(view, lens)
         for line in lines:
             line.draw(draw, matrix, buffer)
         return image.resize(size, Image.Resampling.LANCZOS)
+
+    def with_a_view(self, camera: Camera, points: Floats) -> Camera:
+        """Return the camera, or one from another side where far more of the points (n, 3) are not hidden."""
+        around = [replace(camera, yaw=camera.yaw + turn) for turn in ROUND]
+        seen = [self._share_seen(side, points) for side in around]
+        return camera if seen[0] >= GOOD * max(seen) else around[seen.index(max(seen))]
+
+    def _share_seen(self, camera: Camera, points: Floats) -> float:
+        """Return the share of points (n, 3) that nothing hides."""
+        view, lens = _matrices(camera, 1.0)
+        *_, depth, _ = pybullet.getCameraImage(
+            *ROUGH, view, lens, renderer=pybullet.ER_TINY_RENDERER, physicsClientId=self.client
+        )
+        line = Line(points, ON, 1.0)
+        _, _, inside = line.on_screen(_projection(view, lens), np.asarray(depth, dtype=float).reshape(ROUGH))
+        return float(inside.mean())
 
     def close(self) -> None:
         """Let go of the world."""
@@ -133,6 +147,16 @@ class Line:
         """Draw what is in front of everything else in the picture."""
         if len(self.points) < 2:
             return
+        x, y, inside = self.on_screen(matrix, depth)
+        thick = max(1, round(self.width * OVERSAMPLING))
+        for start in range(len(x) - 1):
+            if inside[start] and inside[start + 1]:
+                draw.line((x[start], y[start], x[start + 1], y[start + 1]), fill=self.colour, width=thick)
+                radius = 0.5 * thick
+                draw.ellipse((x[start] - radius, y[start] - radius, x[start] + radius, y[start] + radius), self.colour)
+
+    def on_screen(self, matrix: Floats, depth: Floats) -> tuple[Floats, Floats, Bools]:
+        """Return pixels x and y (n,) of the points, and which of them are in the picture and not hidden."""
         height, width = depth.shape
         clip = np.column_stack([self.points, np.ones(len(self.points))]) @ matrix.T
         flat = clip[:, :3] / clip[:, 3:]
@@ -140,13 +164,18 @@ class Line:
         column, row = (np.clip(values, 0, side - 1).astype(int) for values, side in ((x, width), (y, height)))
         seen = depth[row, column]
         far = _metres(0.5 * (flat[:, 2] + 1.0)) <= _metres(seen) + 0.006
-        inside = far & (x >= 0) & (x < width) & (y >= 0) & (y < height)
-        thick = max(1, round(self.width * OVERSAMPLING))
-        for start in range(len(x) - 1):
-            if inside[start] and inside[start + 1]:
-                draw.line((x[start], y[start], x[start + 1], y[start + 1]), fill=self.colour, width=thick)
-                radius = 0.5 * thick
-                draw.ellipse((x[start] - radius, y[start] - radius, x[start] + radius, y[start] + radius), self.colour)
+        return x, y, far & (x >= 0) & (x < width) & (y >= 0) & (y < height)
+
+
+def _matrices(camera: Camera, aspect: float) -> tuple[list[float], list[float]]:
+    """Return Bullet's view and projection of a camera."""
+    view = pybullet.computeViewMatrixFromYawPitchRoll(camera.target, camera.distance, camera.yaw, camera.pitch, 0.0, 2)
+    return view, pybullet.computeProjectionMatrixFOV(FIELD_OF_VIEW, aspect, NEAR, FAR)
+
+
+def _projection(view: list[float], lens: list[float]) -> Floats:
+    """Return the matrix (4, 4) from points in the base frame to the picture."""
+    return np.array(lens).reshape(4, 4).T @ np.array(view).reshape(4, 4).T
 
 
 def path_lines(plan: MotionPlan, done: int, width: float) -> list[Line]:
