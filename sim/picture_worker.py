@@ -23,7 +23,7 @@ from sim.silence import silent
 VIEW, CARD_HEIGHT = (760, 760), 760
 FRAME = (440, 360)
 FILM_MILLISECONDS = 4800
-NOTE_WIDTH = 84
+NOTE_WIDTH = 76
 
 
 def still(model: ArmModel, plan: MotionPlan, view: str) -> bytes:
@@ -119,10 +119,10 @@ def _top_view(model: ArmModel, plan: MotionPlan) -> bytes:
     )
     lift = 14 + 13 * len(told)
     axes.set_title(title, fontsize=13, fontweight="bold", loc="left", pad=38 + lift)
-    below_title = {"xycoords": "axes fraction", "textcoords": "offset points", "va": "bottom", "fontsize": 9}
-    axes.annotate(facts, (0.0, 1.0), (0, lift - 6), color="#30363d", **below_title)
+    below_title = {"xycoords": "axes fraction", "textcoords": "offset points", "va": "bottom", "in_layout": False}
+    axes.annotate(facts, (0.0, 1.0), (0, lift - 6), fontsize=9, color="#30363d", **below_title)
     if told:
-        axes.annotate("\n".join(told), (0.0, 1.0), (0, 5), color="#9a3b00", fontweight="bold", **below_title)
+        axes.annotate("\n".join(told), (0.0, 1.0), (0, 5), fontsize=9, color="#9a3b00", **below_title)
     figure.colorbar(wet, ax=axes, label="nozzle speed in mm/s", fraction=0.05, pad=0.03)
     figure.get_layout_engine().set(w_pad=0.12, h_pad=0.08)  # pyright: ignore[reportOptionalMemberAccess, reportAttributeAccessIssue, reportCallIssue]
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.09), ncol=2, frameon=False)
