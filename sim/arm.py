@@ -1,6 +1,6 @@
 """What an arm is to everybody else: its model, its state, the commands it obeys and how it says no.
 
-A real robot is one new file with a class that fits ``Arm`` and passes ``tests/sim/conformance.py``. Lengths are in
+A real robot is one new file with a class that fits ``Arm`` and passes ``sim.conformance.ArmConformance``. Lengths are in
 metres, angles in radians, times in seconds; a pose is seven numbers x y z qx qy qz qw in the arm's base frame.
 """
 
