@@ -202,9 +202,6 @@ GERMAN: dict[str, str] = {
     "Slowly, to where every run begins": "Langsam dorthin, wo jede Ausführung beginnt",
     "Speed override": "Geschwindigkeit",
     "waiting": "warten",
-    "From above and from the side · grey dashes: planned · blue: commanded · orange: measured": (
-        "Von oben und von der Seite · grau gestrichelt: geplant · blau: befohlen · orange: gemessen"
-    ),
     "speed of the animation": "Geschwindigkeit der Wiedergabe",
     "measured from commanded": "gemessen gegen befohlen",
     "Measured from commanded: RMS / largest": "Gemessen gegen befohlen: RMS / größter",
@@ -387,4 +384,5 @@ GERMAN: dict[str, str] = {
     "this is no exported skill, which is a JSON file": "das ist keine exportierte Fertigkeit (JSON-Datei)",
     "worse": "schlechter",
     "taken out by a person": "von einer Person herausgenommen",
+    "grey dashes: planned · blue: commanded · orange: measured": "grau gestrichelt: geplant · blau: Soll · orange: Ist",
 }

@@ -27,11 +27,15 @@ def skill(plant: Any) -> str:
     return "every-page"
 
 
-@pytest.mark.parametrize("viewport", [PANEL_PC, TABLET], ids=["panel-pc", "tablet"])
+@pytest.mark.parametrize(
+    ("viewport", "locale", "connected"),
+    [(PANEL_PC, "en-US", "connected"), (TABLET, "de-DE", "verbunden")],
+    ids=["panel-pc", "german-tablet"],
+)
 def test_every_page_fits_and_a_finger_hits_what_it_wants(
-    screens: Screens, skill: str, viewport: dict[str, int], tmp_path: Path
+    screens: Screens, skill: str, viewport: dict[str, int], locale: str, connected: str, tmp_path: Path
 ) -> None:
-    screen = screens.sign_in("engineer", "/", viewport=viewport, has_touch=True)
+    screen = screens.sign_in("engineer", "/", locale, viewport=viewport, has_touch=True)
     found: list[str] = []
     for path in (
         "/",
@@ -43,10 +47,13 @@ def test_every_page_fits_and_a_finger_hits_what_it_wants(
         "/audit",
     ):
         screen.go(path)
-        screen.page.locator("[data-mark='connection']", has_text="connected").wait_for()
+        screen.page.locator("[data-mark='connection']", has_text=connected).wait_for()
         if path.startswith("/skill"):
             screen.chart()
             screen.picture(f"skill-{viewport['width']}", tmp_path)
+        if path.startswith(("/run", "/recipes")) and viewport is TABLET:
+            screen.page.wait_for_timeout(500)
+            screen.picture(f"{'recipe' if 'recipes' in path else 'run'}-tablet", tmp_path)
         wide = screen.page.evaluate("document.documentElement.scrollWidth")
         if wide > viewport["width"]:
             found.append(f"{path} is {wide} px wide")

@@ -49,7 +49,7 @@ async def newest_job(plant: Any) -> Any:
 
 
 def arm_says(screen: Screen, words: str) -> None:
-    screen.page.locator("[data-mark='arm-state']", has_text=words).wait_for()
+    screen.page.locator("[data-mark='arm-state']", has_text=words).wait_for(timeout=60_000)
 
 
 @pytest.fixture(scope="module")
@@ -88,9 +88,9 @@ def test_three_strokes_are_learned_approved_by_another_and_run(
     away_from_the_browser(lambda: approve_and_deploy(plant, drawn))
     operator = screens.sign_in("mes", f"/run?skill={drawn}")
     operator.says(r"Version 1 \(deployed\)")
-    slow_down(plant, 0.4)
-    operator.page.locator("[data-mark='override-told']", has_text="40").wait_for()
-    expect(operator.page.get_by_role("slider", name="Speed override")).to_have_attribute("aria-valuenow", "40")
+    slow_down(plant, 0.1)
+    operator.page.locator("[data-mark='override-told']", has_text="10").wait_for()
+    expect(operator.page.get_by_role("slider", name="Speed override")).to_have_attribute("aria-valuenow", "10")
     operator.button("Run").click()
     arm_says(operator, "moving")
     operator.button("Pause").click()
@@ -130,7 +130,7 @@ def stop_and_reset(screen: Screen, *, by_key: bool = False) -> None:
 def test_stop_motion_is_in_reach_in_every_state(plant: Any, screens: Screens, drawn: str, tmp_path: Path) -> None:
     screen = screens.sign_in("engineer", f"/run?skill={drawn}")
     screen.says(r"Version 1 \(deployed\)")
-    slow_down(plant, 0.5)
+    slow_down(plant, 0.25)
     stop_and_reset(screen)
 
     screen.button("Run").click()
@@ -188,7 +188,7 @@ def test_jobs_queue_and_a_run_is_seen_in_space_over_time_and_as_csv(
 ) -> None:
     screen = screens.sign_in("engineer", f"/run?skill={drawn}")
     screen.says(r"Version 1 \(deployed\)")
-    slow_down(plant, 0.2)
+    slow_down(plant, 0.1)
     screen.button("Run").click()
     arm_says(screen, "moving")
     screen.button("Run").click()

@@ -30,7 +30,7 @@ def changes(happenings: Iterable[Happening]) -> list[Happening]:
 async def records_page(frame: Frame) -> None:
     """Show events and jobs, newest first; both go on while one looks."""
     words, session = frame.words, frame.session
-    with ui.element("div").classes("columns half-columns").style("grid-template-columns: 5fr 6fr"):
+    with ui.element("div").classes("columns half-columns"):
         with ui.element("div").classes("sheet stack"):
             ui.label(words("What happened since you signed in")).classes("sheet-title")
             with ui.element("div").classes("line"):

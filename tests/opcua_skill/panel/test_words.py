@@ -23,7 +23,7 @@ def said(file: Path) -> Iterator[str]:
             yield from (one.value for one in ast.walk(node.iter) if isinstance(one, ast.Constant))
         if isinstance(node, ast.Assign) and getattr(node.targets[0], "id", "") in ("legend", "note", "tools"):
             found = [one.value for one in ast.walk(node.value) if isinstance(one, ast.Constant)]
-            yield from (text for text in found if text[:1].isupper())
+            yield from (text for text in found if text[:1].isupper() or " · " in text)
         if not isinstance(node, ast.Call):
             continue
         name = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
