@@ -32,6 +32,7 @@ from opcua_skill.figure_parts import (
 WORK_HEIGHT = 0.5
 TOOLS_SHOWN = 24
 WORTH_MARKING = 0.1
+OUTERMOST = 1.0
 TURNS = (("roll", BLUE, "-"), ("pitch", ORANGE, "--"), ("yaw", GREEN, ":"))
 
 
@@ -139,17 +140,24 @@ def heading(view: View) -> str:
     if "path_error" in paper:
         theirs, off = paper["path_error"], paper["end_error"]
         quality.append(
-            f"the paper's preset: {1e3 * theirs['rms']:.2f} and {1e3 * theirs['max']:.2f} mm, "
+            f"the paper's preset, estimated: {1e3 * theirs['rms']:.2f} and {1e3 * theirs['max']:.2f} mm, "
             f"ends {1e3 * off['start']:.1f} and {1e3 * off['end']:.1f} mm"
         )
     return "\n".join([*words, "  ·  ".join(quality)] if quality else words)
 
 
 def limits(views: Sequence[View]) -> tuple[Floats, Floats]:
-    """Return the lower and upper corner (2,) in mm of what all views show, with room for the components around it."""
+    """Return the lower and upper corner (2,) in mm of what all views show, with room for the components around it.
+
+    Every path is shown whole; of the demonstrations all but the outermost per cent, so that reflections stay outside.
+    """
+    paths = mm(np.vstack([view.path.points[:, :2] for view in views]))
+    corners = [paths]
     shown = [one.points[:, :2] for view in views for one in view.recordings.aligned]
-    points = mm(np.vstack([*shown, *(view.path.points[:, :2] for view in views)]))
-    low, high = np.nanmin(points, axis=0), np.nanmax(points, axis=0)
+    if shown:
+        corners.append(np.nanpercentile(mm(np.vstack(shown)), (OUTERMOST, 100.0 - OUTERMOST), axis=0))
+    points = np.vstack(corners)
+    low, high = points.min(axis=0), points.max(axis=0)
     room = 0.06 * float(np.linalg.norm(high - low))
     return low - room, high + room
 

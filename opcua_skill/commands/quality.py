@@ -86,4 +86,4 @@ def _paper(told: Mapping[str, Any] | None) -> Facts:
     if "distance" not in told:
         return [("the paper's preset", str(told.get("note", "could not be compared")))]
     found = _errors("  its ", told)
-    return [("the paper's preset would lie", f"{_apart(told['distance'])}, from this path"), *found]
+    return [("the paper's preset, estimated", f"{_apart(told['distance'])}, from this path"), *found]

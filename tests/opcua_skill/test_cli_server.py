@@ -149,4 +149,4 @@ def test_tool_orientation_goes_from_files_into_the_skill_and_its_picture(
     as_user("visitor", "skills", "plot", "held", "-o", str(picture))
     assert picture.stat().st_size > 10_000
     assert status_of(["skills", "show", "held", "--user", "visitor"]) == 0
-    assert "the paper's preset would lie" in capsys.readouterr().out
+    assert "the paper's preset, estimated" in capsys.readouterr().out

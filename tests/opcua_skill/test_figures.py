@@ -63,7 +63,7 @@ def test_what_has_to_be_known_before_signing_stands_above() -> None:
     words = heading(view(2, "path"))
     assert "digest 00" in words
     assert "path error 0.10 mm RMS" in words
-    assert "the paper's preset: 3.00 and 9.00 mm" in words
+    assert "the paper's preset, estimated: 3.00 and 9.00 mm" in words
 
 
 def test_the_same_values_draw_the_same_bytes(tmp_path: FilePath) -> None:

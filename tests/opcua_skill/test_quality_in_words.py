@@ -20,7 +20,7 @@ def test_a_second_version_is_told_against_the_first_and_the_paper() -> None:
     assert " s → " in told["  duration"]
     assert told["  components"] == "4, as before"
     assert told["  repeatability"].startswith("unknown → ")
-    assert told["the paper's preset would lie"].endswith("from this path")
+    assert told["the paper's preset, estimated"].endswith("from this path")
     assert "starts" in told["  its ends"]
 
 
