@@ -101,7 +101,7 @@ async def test_a_message_larger_than_the_limit_is_cut_off(scene: Scene):
 
 async def test_a_client_that_drops_the_connection_in_the_middle_of_a_call_leaves_nothing(scene: Scene):
     async with scene.attack():
-        for _ in range(10):
+        for _ in range(5):
             async with insider(scene) as client:
                 slow = client.get_node(ua.NodeId("Cell", scene.index)).call_method(f"{scene.index}:Slow")
                 calling = asyncio.create_task(slow)
@@ -116,7 +116,7 @@ class Nobody:
 
 async def test_sessions_that_subscribe_and_drop_leave_nothing(scene: Scene):
     async with scene.attack():
-        for _ in range(30):
+        for _ in range(15):
             async with insider(scene) as client:
                 subscription = await client.create_subscription(100, Nobody())
                 await subscription.subscribe_data_change(client.nodes.server_state)
