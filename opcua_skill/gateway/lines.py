@@ -16,6 +16,7 @@ BATCH_SAMPLES = 2_000
 MOST_WAITING = 200_000
 HELD_BACK = 0.02
 CLOCK_TOLERANCE = 3.0
+STRAGGLE = 0.2
 LATE_IN_A_ROW = 20
 FAR_BACK_IN_A_ROW, FAR_BACK = 3, 0.5
 REMEMBERED = 5_000
@@ -132,6 +133,8 @@ class Intake:
     def feed(self, datagram: bytes, sender: object, arrived: float) -> None:
         """Take a datagram: one line or several."""
         self._now = arrived
+        if self.fault:
+            return
         if self._sender is not None and sender != self._sender:
             self.losses.foreign += 1
             return
@@ -181,8 +184,10 @@ class Intake:
         if known == line:
             self.losses.duplicated += 1
             return
-        if self._given is not None and line.time <= self._given:
-            self._came_late(line, self._given)
+        newest = self._times[-1] if self._times else self._given
+        given = self._given is not None and line.time <= self._given
+        if newest is not None and (given or line.time < newest - STRAGGLE):
+            self._came_late(line, newest)
             return
         if known is not None:
             self._refuse(text, "another sample had this time already")
@@ -204,19 +209,24 @@ class Intake:
         if len(self._known) > REMEMBERED:
             self._known.popitem(last=False)
 
-    def _came_late(self, line: Line, given: float) -> None:
+    def _came_late(self, line: Line, newest: float) -> None:
         """Count a straggler; many in a row, or a few from far back, are a clock that was set back."""
         self.losses.late += 1
         self._count_numbers(line)
         self._late_in_a_row += 1
-        needed = FAR_BACK_IN_A_ROW if given - line.time > FAR_BACK else LATE_IN_A_ROW
+        needed = FAR_BACK_IN_A_ROW if newest - line.time > FAR_BACK else LATE_IN_A_ROW
         if self._late_in_a_row >= needed and not self.fault:
-            self.fault = f"the tracker's clock went back from {given:g} s to {line.time:g} s"
+            self.fault = f"the tracker's clock went back from {newest:g} s to {line.time:g} s"
 
     def _fits_the_clock(self, time_: float, arrived: float) -> bool:
+        """Return whether a time is not ahead of the clock. Behind it may be: datagrams wait while a machine is busy."""
+        ahead = time_ - arrived
         if self._offset is None:
-            self._offset = time_ - arrived
-        return abs(time_ - arrived - self._offset) <= CLOCK_TOLERANCE
+            self._offset = ahead
+        if ahead - self._offset > CLOCK_TOLERANCE:
+            return False
+        self._offset = max(self._offset, ahead)
+        return True
 
     def _count_numbers(self, line: Line) -> None:
         """Count numbers that were left out; one that comes after all is not lost."""

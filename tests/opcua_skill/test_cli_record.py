@@ -172,7 +172,7 @@ def test_a_tracker_is_recorded_with_what_the_network_did_to_it(signed_in: "Plant
         return [line[: len(line) // 2]] if place % 50 == 13 else [line]
 
     saved = tmp_path / "saved.csv"
-    with recording("--udp", "0", "--silence", "1.5", "--save", str(saved)) as process:
+    with recording("--udp", "0", "--silence", "3", "--save", str(saved)) as process:
         tracker = Tracker(port_of(process))
         for one in shown:
             tracker.show(one, spoil=spoil)
@@ -180,7 +180,7 @@ def test_a_tracker_is_recorded_with_what_the_network_did_to_it(signed_in: "Plant
         tracker.close()
         status, told, said = ended(process)
     assert status == 0, said
-    assert "no sample came for 1.5 s" in told["ended"]
+    assert "no sample came for 3 s" in told["ended"]
     spoilt = range(-50, 101)
     cut = sum(place % 50 == 13 and place % 20 not in (7, 11) for place in spoilt)
     assert told["garbled"] == 3 * cut
@@ -195,7 +195,7 @@ def test_a_tracker_is_recorded_with_what_the_network_did_to_it(signed_in: "Plant
 
 
 def test_a_tracker_that_falls_silent_while_something_is_shown_loses_that_only(signed_in: "Plant") -> None:
-    with recording("--udp", "0", "--silence", "0.7") as process:
+    with recording("--udp", "0", "--silence", "3") as process:
         tracker = Tracker(port_of(process))
         for one in PEOPLE[:2]:
             tracker.show(short(one))

@@ -176,6 +176,24 @@ def test_times_that_do_not_go_with_the_clock_are_not_taken() -> None:
     assert "t is in s" in intake.losses.last_garbled
 
 
+def test_what_waited_while_the_machine_was_busy_is_taken() -> None:
+    intake = Intake()
+    for n in range(1000):
+        intake.feed(f"{n / 100} 0.1 0.1 1".encode(), TRACKER, n / 100 if n < 100 else 10.0 + n / 1e5)
+    assert len(taken(intake)) == 1000
+    assert intake.losses.garbled == 0
+
+
+def test_two_motions_are_never_mixed_while_samples_wait_for_a_slow_server() -> None:
+    intake = Intake()
+    for n in range(200):
+        intake.feed(f"{n / 100} 0.1 0.1 1".encode(), TRACKER, n / 100)
+    for n in range(50, 150):
+        intake.feed(f"{n / 100 + 0.005} 0.9 0.9 1".encode(), TRACKER, 2.0 + n / 100)
+    assert "went back" in intake.fault
+    assert {row[1] for row in taken(intake)} == {0.1}
+
+
 async def test_a_source_that_says_nothing_or_nonsense_is_told_so() -> None:
     source = UdpSource(wait=0.2)
     _, port = await source.open("127.0.0.1", 0)
