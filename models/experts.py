@@ -47,6 +47,7 @@ MOST_PARTS = 4
 ALONG = 0.003
 RIDGE = 1e-4
 WINDOW = 0.08
+NARROW_WINDOW = 0.04
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -200,12 +201,13 @@ def lines(handover: Handover, values: Floats) -> Floats:
     return usual + _constrained(matrix, right, ends, values[[0, -1]] - ends @ usual)
 
 
-def retimed(path: Floats, mean: Floats) -> Floats:
-    """Return the fractional index (n,) of the mean path (n, d) that is nearest to each point of the path (n, d),
-    rising.
+def retimed(path: Floats, mean: Floats, window: float = WINDOW) -> Floats:
+    """Return the fractional index (n,) of the mean path (n, d) that is nearest to each point of the path (n, d).
+
+    It is sought within ``window`` (a part of the path) before and after, and rises.
     """
     count = len(path)
-    reach = max(2, round(WINDOW * count))
+    reach = max(2, round(window * count))
     offsets = np.arange(-reach, reach + 1)
     segments = np.clip(np.arange(count)[:, None] + offsets, 0, count - 2)
     start, step = mean[segments], mean[segments + 1] - mean[segments]
@@ -241,7 +243,7 @@ def _fit(mean: Floats, handover: Handover) -> Fit:
 
 
 def _distances(path: Floats, other: Floats) -> Floats:
-    where = retimed(path, other)
+    where = retimed(path, other, NARROW_WINDOW)
     index = np.arange(len(other), dtype=np.float64)
     nearest = np.column_stack([np.interp(where, index, column) for column in other.T])
     return np.sqrt(((path - nearest) ** 2).sum(axis=1))

@@ -76,6 +76,7 @@ def fit_free(samples: Floats, start: Mixture) -> Mixture:
     One thread: the result must not depend on how many there are. Where it has not settled after 200 steps, the last
     one counts.
     """
+    from sklearn import config_context
     from sklearn.exceptions import ConvergenceWarning
     from sklearn.mixture import GaussianMixture
 
@@ -92,7 +93,8 @@ def fit_free(samples: Floats, start: Mixture) -> Mixture:
         precisions_init=np.linalg.inv(start.covariances / scaling),
         random_state=0,
     )
-    with threadpool_limits(limits=1), warnings.catch_warnings():
+    trusted = config_context(assume_finite=True, skip_parameter_validation=True)
+    with threadpool_limits(limits=1), trusted, warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)
         try:
             model.fit((samples - centre) / scale)
