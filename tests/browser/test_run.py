@@ -90,7 +90,9 @@ def test_three_strokes_are_learned_approved_by_another_and_run(
     operator.says(r"Version 1 \(deployed\)")
     slow_down(plant, 0.1)
     operator.page.locator("[data-mark='override-told']", has_text="10").wait_for()
-    expect(operator.page.get_by_role("slider", name="Speed override")).to_have_attribute("aria-valuenow", "10")
+    expect(operator.page.get_by_role("slider", name="Speed override")).to_have_attribute(
+        "aria-valuenow", "10", timeout=PATIENCE
+    )
     operator.button("Run").click()
     arm_says(operator, "moving")
     operator.button("Pause").click()
