@@ -47,6 +47,24 @@ def straight_line(length: float = LINE, duration: float = 20.0) -> Motion:
     return Motion(mean[None], covariance[None], "path", 2, duration, ((0.0, 1.0),), 0.01, "within")
 
 
+def slanted_line(length: float = LINE, duration: float = 20.0, slant: float = math.radians(30.0)) -> Motion:
+    """Return the straight line with a tool that leans more and more, up to ``slant`` about the part's y axis."""
+    plain = straight_line(length, duration)
+    upright = np.array([0.0, 0.0, 0.0, 1.0])
+    leaning = np.array([0.0, math.sin(0.5 * slant), 0.0, math.cos(0.5 * slant)])
+    spread = np.concatenate([np.array([1.0, duration, length, 0.0]), leaning - upright]) / math.sqrt(12.0)
+    covariance = np.outer(spread, spread) + np.diag([0.0, 0.0, *[1e-8] * 6])
+    mean = np.concatenate([plain.means[0], 0.5 * (upright + leaning)])
+    return replace(plain, means=mean[None], covariances=covariance[None])
+
+
+@lru_cache(maxsize=8)
+def slanted_plan(model: ArmModel) -> MotionPlan:
+    """Return the plan of the line with a leaning tool on an arm, at 20 mm/s."""
+    order = MotionOrder(time_step=0.004, timing="constant_speed", speed=0.02, frame=model.part_frame)
+    return plan_motion(slanted_line(), order, model, skill_digest="1" * 64, recipe_id="conformance")
+
+
 @lru_cache(maxsize=8)
 def line_plan(model: ArmModel, speed: float = 0.003) -> MotionPlan:
     """Return the plan of the straight line on an arm."""
@@ -142,6 +160,16 @@ class ArmConformance:
             assert state.at_rest
             assert state.mode is ArmMode.IDLE
             assert np.abs(np.array(state.joints) - plan.joints[-1]).max() < 2e-3
+
+    async def test_a_tool_that_leans_is_held_as_it_was_shown(self) -> None:
+        async with self.opened() as arm:
+            plan = slanted_plan(arm.model)
+            trace = await arm.run(plan, lambda _: None)
+            lean = angles_between(plan.orientations, np.tile(plan.orientations[0], (plan.samples, 1)))
+            assert abs(lean.max() - math.radians(30.0)) < 1e-3
+            assert angles_between(trace.orientation_commanded, plan.orientations).max() < 1e-6
+            assert trace.orientation_error()[1] <= self.turning
+            assert trace.tracking_error()[1] <= self.tracking
 
     async def test_progress_rises_to_one_and_comes_at_most_twenty_times_a_second(self) -> None:
         async with self.opened() as arm:

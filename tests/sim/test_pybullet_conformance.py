@@ -11,6 +11,13 @@ from sim.conformance import ArmConformance
 from sim.pybullet_arm import PyBulletArm
 
 
+@pytest_asyncio.fixture(scope="class", loop_scope="class", autouse=True)
+async def let_go_of_the_arm(request: pytest.FixtureRequest) -> AsyncIterator[None]:
+    yield
+    await request.cls.let_go()
+    assert request.cls._kept is None
+
+
 @pytest.mark.asyncio(loop_scope="class")
 class TestPyBulletPanda(ArmConformance):
     tracking = 5e-6
@@ -21,13 +28,6 @@ class TestPyBulletPanda(ArmConformance):
 
     def make_arm(self) -> Arm:
         return PyBulletArm(arms.load(self.name), realtime=False)
-
-    @pytest_asyncio.fixture(scope="class", loop_scope="class", autouse=True)
-    async def let_go_of_the_arm(self, request: pytest.FixtureRequest) -> AsyncIterator[None]:
-        yield
-        assert issubclass(request.cls, ArmConformance)
-        await request.cls.let_go()
-        assert request.cls._kept is None
 
 
 @pytest.mark.slow
