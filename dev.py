@@ -40,7 +40,7 @@ def setup() -> None:
     if not (BIN / "python").exists():
         run(*uv(), "venv", "--quiet", "--python", "3.11", ".venv")
     environment = {"VIRTUAL_ENV": str(ROOT / ".venv")}
-    run(*uv(), "pip", "sync", "--require-hashes", "requirements-dev.txt", **environment)
+    run(*uv(), "pip", "sync", "--compile-bytecode", "--require-hashes", "requirements-dev.txt", **environment)
     run(*uv(), "pip", "install", "--quiet", "--no-deps", "--editable", ".", **environment)
     stamp.write_text(lock)
 
