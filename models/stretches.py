@@ -92,6 +92,8 @@ def extras(curve: Floats, positions: Floats, path: Floats, times: Floats) -> tup
     passed = (where[reach:] - where[:-reach]) / (len(curve) - 1.0)
     over = np.convolve(passed > LEAST_EXTRA + SKIPPED_IN, np.ones(reach)) > 0
     turns = np.flatnonzero(np.diff(np.concatenate([[False], over, [False]]).astype(np.int64)))
+    if not len(turns):
+        return ()
     lengths, size, tree = arc_lengths(curve), diagonal(path), cKDTree(path)
     index = np.arange(len(curve), dtype=np.float64)
     found: list[Extra] = []
