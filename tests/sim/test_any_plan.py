@@ -5,6 +5,7 @@ from typing import get_args
 
 import hypothesis
 import numpy as np
+import pytest
 from drawn_motion import DrawnMotion
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
@@ -51,6 +52,7 @@ def drawable(corners, radius):
     return bool((np.abs(cosines) < 0.95).all() and sizes.min() > 8.0 * radius)
 
 
+@pytest.mark.slow
 # A plan takes long enough that making a failing one smaller would take minutes: it is told as it was found.
 @settings(deadline=None, max_examples=10, phases=(hypothesis.Phase.explicit, hypothesis.Phase.generate))
 @given(name=st.sampled_from(arms.names()), order=ORDERS, place=PLACES, corners=CORNERS, radius=RADII)

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 import pytest
@@ -154,9 +155,13 @@ def test_a_nozzle_turn_that_does_not_exist_is_refused(panda):
         plan_motion(TiltedMotion(), replace(ORDER, nozzle_turn="loose"), panda)  # pyright: ignore[reportArgumentType]
 
 
+@lru_cache(maxsize=1)
+def learned_in_space():
+    return learn(simulated_people(5, 1, corners=ZIGZAG_IN_SPACE, orientation=True)[0]).motion
+
+
 def test_a_skill_learned_with_orientation_is_followed_as_it_was_meant(model):
-    people, _ = simulated_people(5, 1, corners=ZIGZAG_IN_SPACE, orientation=True)
-    plan = plan_motion(learn(people).motion, ORDER, model)
+    plan = plan_motion(learned_in_space(), ORDER, model)
     _, rotations = kinematics(model).forward(plan.joints[on_path(plan)])
     meant = Rotation.from_quat(true_orientations(plan.phases[on_path(plan)])).as_matrix()[:, :, 2]
     apart = np.arccos(np.clip(-(rotations[:, :, 2] * meant).sum(axis=1), -1.0, 1.0))

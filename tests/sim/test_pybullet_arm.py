@@ -99,6 +99,7 @@ async def test_every_time_step_takes_its_own_number_of_samples_along_the_same_pa
     assert samples[0.001] > 7.5 * samples[0.008] > 17 * samples[0.02]
 
 
+@pytest.mark.slow
 async def test_two_runs_of_a_plan_leave_bitwise_equal_traces_also_in_another_process(pool):
     plan, other = short(STEADY), line_plan(arms.load(), 0.03)
     arm = await pool.get()
@@ -167,6 +168,7 @@ async def test_a_stop_from_75_millimetres_a_second_takes_at_most_five(pool):
     assert ended.trace.tracking_error()[1] < 1e-5
 
 
+@pytest.mark.slow
 async def test_an_imperfect_arm_is_labelled_watched_and_stopped_as_the_order_says(pool):
     """The same tolerances as any simulated arm watches; here against Bullet's motors, in their own process."""
     arm = await pool.get(imperfection=Imperfection(lag=0.03))
