@@ -23,11 +23,9 @@ class Arms:
         station = self._stations[workstation]
         realtime = station.realtime and not simulation
         model = load(station.arm)
+        worse = Imperfection(**station.imperfection.model_dump()) if any(station.imperfection.sizes) else None
         if station.driver == "pybullet":
-            from sim.pybullet_arm import PyBulletArm
-
-            worse = Imperfection(**station.imperfection.model_dump()) if any(station.imperfection.sizes) else None
-            return PyBulletArm(model, realtime=realtime, imperfection=None if simulation else worse)
-        from sim.kinematic_arm import KinematicArm
-
-        return KinematicArm(model, realtime=realtime)
+            from sim.pybullet_arm import PyBulletArm as ArmOfDriver
+        else:
+            from sim.kinematic_arm import KinematicArm as ArmOfDriver
+        return ArmOfDriver(model, realtime=realtime, imperfection=None if simulation else worse)

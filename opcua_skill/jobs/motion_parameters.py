@@ -12,6 +12,7 @@ MOTION_PARAMETERS: dict[str, tuple[str, tuple[str, ...]]] = {
     "ChordTolerance": ("chord_tolerance", ()),
     "TubeSigmas": ("tube_sigmas", ()),
     "TubePolicy": ("tube_policy", ("flag", "stop")),
+    "NozzleTurn": ("nozzle_turn", ("free", "shown")),
 }
 MOTION_PARAMETER_RANGES = (
     Parameter(name="BlendRadius", description="rounds corners", unit="m", default=0.0, minimum=0.0, maximum=0.1),
@@ -32,6 +33,11 @@ MOTION_PARAMETER_RANGES = (
         maximum=100.0,
     ),
     Parameter(name="TubePolicy", description="outside the tube: flag or stop", default="flag"),
+    Parameter(
+        name="NozzleTurn",
+        description="where the tool's orientation was shown, its turn about its own axis: shown or free",
+        default="shown",
+    ),
 )
 
 

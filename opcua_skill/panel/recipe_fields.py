@@ -11,13 +11,18 @@ from opcua_skill.client import ClientError, Recipe, Refused
 
 TURN_RANGE = 360.0
 SHOWN_UNITS = {"m": ("mm", 1000.0), "m/s": ("mm/s", 1000.0), "rad": ("°", 57.29577951308232)}
-CHOICES: Mapping[str, tuple[str, ...]] = {"Corners": ("slow", "refuse"), "TubePolicy": ("flag", "stop")}
+CHOICES: Mapping[str, tuple[str, ...]] = {
+    "Corners": ("slow", "refuse"),
+    "TubePolicy": ("flag", "stop"),
+    "NozzleTurn": ("shown", "free"),
+}
 LABELS: Mapping[str, str] = {
     "BlendRadius": "Rounding of corners",
     "Corners": "Corners too sharp",
     "ChordTolerance": "Straight lines cut at most",
     "TubeSigmas": "Width of the watched tube",
     "TubePolicy": "Outside the tube",
+    "NozzleTurn": "Turn of the nozzle about its axis",
 }
 
 
@@ -63,16 +68,16 @@ def _of(name: str, label: str, unit: str, low: float, high: float, scale: float,
 
 
 TIMING_FIELDS = (
-    _of("time_step", "Time step", "ms", 0.5, 100.0, 1000.0, 1.0),
+    _of("time_step", "Time step", "ms", 1.0, 20.0, 1000.0, 1.0),
     _of("duration", "Duration", "s", 0.0, 3600.0, 1.0, 0.5, "0: as taught"),
-    _of("speed", "Nozzle speed", "mm/s", 0.0, 5000.0, 1000.0, 5.0, "for constant speed"),
+    _of("speed", "Nozzle speed", "mm/s", 0.0, 1000.0, 1000.0, 5.0, "for constant speed"),
     _of("speed_override", "Speed override", "%", 1.0, 100.0, 100.0, 5.0),
 )
 NOZZLE_FIELDS = (
     _of("standoff", "Nozzle above the part", "mm", 0.0, 500.0, 1000.0, 0.5),
-    _of("approach_height", "Approach from above", "mm", 0.0, 1000.0, 1000.0, 5.0),
-    _of("retract_height", "Retract upwards", "mm", 0.0, 1000.0, 1000.0, 5.0),
-    _of("dispense_lead", "Valve opens earlier by", "ms", -5000.0, 5000.0, 1000.0, 10.0),
+    _of("approach_height", "Approach from above", "mm", 0.0, 500.0, 1000.0, 5.0),
+    _of("retract_height", "Retract upwards", "mm", 0.0, 500.0, 1000.0, 5.0),
+    _of("dispense_lead", "Valve opens earlier by", "ms", -1000.0, 1000.0, 1000.0, 10.0),
     _of("max_deviation", "Largest deviation", "mm", 0.0, 1000.0, 1000.0, 0.1, "0: not checked"),
 )
 FIELDS = (*TIMING_FIELDS, *NOZZLE_FIELDS)

@@ -254,7 +254,7 @@ def test_a_recipe_is_checked_in_the_form_and_by_the_server(
     name.fill("slow")
     step = screen.page.get_by_label("Time step (ms)")
     step.fill("0.1")
-    screen.says(r"allowed: 0.5 … 100.ms")
+    screen.says(r"allowed: 1 … 20.ms")
     screen.picture("recipe", tmp_path)
     step.fill("4")
     screen.page.get_by_label("Turned about z (°)").fill("90")

@@ -128,7 +128,7 @@ def test_every_number_of_a_recipe_is_shown_with_unit_and_range() -> None:
     assert (shown["time_step"], shown["speed"], shown["dispense_lead"]) == (8.0, 50.0, -20.0)
     step = FIELDS[0]
     assert step.fault(8) == ""
-    assert step.fault(None) == step.fault(0.1) == "0.5 … 100\u00a0ms"
+    assert step.fault(None) == step.fault(0.1) == "1 … 20\u00a0ms"
 
 
 def test_a_part_turned_by_a_quarter_turns_the_path() -> None:
