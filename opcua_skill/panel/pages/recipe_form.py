@@ -23,7 +23,14 @@ from opcua_skill.panel.recipe_fields import (
 )
 
 TIMINGS = {"demonstrated": "as demonstrated", "constant_speed": "constant speed", "time_optimal": "as fast as allowed"}
-CHOICE_WORDS = {"slow": "slow down", "refuse": "refuse the run", "flag": "tell it", "stop": "stop", "shown": "as shown", "free": "free"}
+CHOICE_WORDS = {
+    "slow": "slow down",
+    "refuse": "refuse the run",
+    "flag": "tell it",
+    "stop": "stop",
+    "shown": "as shown",
+    "free": "free",
+}
 Read = Callable[[str], Awaitable[None]]
 
 
