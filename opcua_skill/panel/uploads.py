@@ -1,29 +1,16 @@
-"""Uploaded recordings: read by the project's readers in a folder of their own, gone once they are read."""
+"""Uploaded recordings: read by the project's readers, without the samples that no camera saw."""
 
-import re
-import tempfile
-from pathlib import Path, PurePosixPath, PureWindowsPath
-
-from library.errors import ReaderError
-from library.readers import Choices, read
+from library.readers import Choices, gaps, read_upload, without_gaps
 from models.demonstration import Demonstration
 
 LARGEST = 200_000_000
 
 
-def read_upload(name: str, content: bytes, choices: Choices | None = None) -> list[Demonstration]:
-    """Return the demonstrations in an uploaded file; raises ReaderError with a sentence that names the file.
+def uploaded(name: str, content: bytes, choices: Choices | None = None) -> tuple[list[Demonstration], list[str]]:
+    """Return the demonstrations in an uploaded file as a server takes them, and a sentence for each that has gaps.
 
-    The name a browser sends is never used as a path: only its last part, and of that only harmless characters.
+    Raises ReaderError, which names the file as the browser did, and ChoiceNeeded where the file leaves something open.
     """
-    last = PureWindowsPath(PurePosixPath(name).name).name
-    harmless = re.sub(r"[^A-Za-z0-9._-]", "_", last).lstrip(".")[-80:] or "upload"
-    with tempfile.TemporaryDirectory(prefix="opcua-skill-upload-") as folder:
-        file = Path(folder) / harmless
-        file.write_bytes(content)
-        return read(file, choices)
-
-
-def plain_sentence(error: ReaderError) -> str:
-    """Return what is wrong with a file without the folder it lay in for a moment."""
-    return str(error).replace(f"{error.path.parent}/", "")
+    found = read_upload(name, content, choices)
+    told = [f"{one.demonstration_id}: {missing.words()}" for one in found if (missing := gaps(one)).lost]
+    return [without_gaps(one) for one in found], told

@@ -12,7 +12,7 @@ from library.readers import Choices, common_plane, onto_plane
 from models.demonstration import Demonstration
 from opcua_skill.panel.frame import Frame, choose
 from opcua_skill.panel.shown import mm
-from opcua_skill.panel.uploads import LARGEST, plain_sentence, read_upload
+from opcua_skill.panel.uploads import LARGEST, uploaded
 
 UNITS = ("", "mm", "cm", "m")
 AXES = ("", "x", "y", "z")
@@ -64,15 +64,15 @@ class UploadSheet:
 
     async def _read(self, name: str, content: bytes, choices: Choices) -> None:
         try:
-            found = await asyncio.to_thread(read_upload, name, content, choices)
+            found, gaps = await asyncio.to_thread(uploaded, name, content, choices)
         except ChoiceNeeded as needed:
             self._ask(name, content, choices, needed)
             return
         except ReaderError as wrong:
-            self._refused(name, plain_sentence(wrong))
+            self._refused(name, str(wrong))
             return
         self.take(found)
-        self.frame.tell(f"{name}: {len(found)} {self.words('demonstrations')}")
+        self.frame.tell("\n".join([f"{name}: {len(found)} {self.words('demonstrations')}", *gaps]))
         self.refresh()
 
     def _refused(self, name: str, sentence: str) -> None:
@@ -86,7 +86,7 @@ class UploadSheet:
         """Ask in place for what a file leaves open; other files can be chosen meanwhile."""
         words = self.words
         with self.asking, ui.element("div").classes("asked") as asked:
-            ui.label(f"? {plain_sentence(needed)}").classes("small")
+            ui.label(f"? {needed}").classes("small")
 
             async def chosen(value: str) -> None:
                 asked.delete()

@@ -19,7 +19,7 @@ from opcua_skill.panel.session import PanelSession, Station
 from opcua_skill.panel.sessions import Sessions
 from opcua_skill.panel.shown import mm, percent, state_tag
 from opcua_skill.panel.strokes import NotADemonstration, drawn, free_name
-from opcua_skill.panel.uploads import read_upload
+from opcua_skill.panel.uploads import uploaded
 from opcua_skill.panel.words import Words
 
 FORBIDDEN = ("sim", "opcua_skill.server", "opcua_skill.jobs", "opcua_skill.methods", "opcua_skill.nodes")
@@ -73,14 +73,23 @@ def test_names_are_free() -> None:
 @pytest.mark.parametrize("name", ["../../etc/passwd.csv", "..\\..\\boot.csv", "/a/b/c.csv", "", "x" * 5000 + ".csv"])
 def test_the_name_of_an_upload_is_never_a_path(name: str) -> None:
     with pytest.raises(ReaderError) as told:
-        read_upload(name, b"no table at all")
+        uploaded(name, b"no table at all")
     assert "etc/" not in str(told.value)
 
 
 def test_an_uploaded_table_is_read() -> None:
     rows = "\n".join(f"{k / 100},{k},{2 * k}" for k in range(50))
-    [one] = read_upload("by hand.csv", f"t,x_mm,y_mm\n{rows}\n".encode())
+    [one], told = uploaded("by hand.csv", f"t,x_mm,y_mm\n{rows}\n".encode())
     assert one.points[-1] == pytest.approx([0.049, 0.098])
+    assert told == []
+
+
+def test_samples_that_were_not_seen_are_left_out_and_told() -> None:
+    rows = "\n".join(f"{k / 100}," + ("," if 20 <= k < 25 else f"{k},{2 * k}") for k in range(50))
+    [one], told = uploaded("by hand.csv", f"t,x_mm,y_mm\n{rows}\n".encode())
+    assert np.isfinite(one.points).all()
+    assert len(one.times) == 45
+    assert ["5 of 50 samples were not seen" in line for line in told] == [True]
 
 
 def test_another_host_needs_tls() -> None:
