@@ -5,12 +5,16 @@ import logging
 import multiprocessing
 import os
 import signal
+import tempfile
 import threading
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import connection
 from typing import Any, TypeVar
+
+# A socket's path has room for 103 characters; multiprocessing puts it into `pymp-xxxxxxxx/listener-xxxxxxxx`.
+LONGEST_TEMPORARY_FOLDER = 103 - 32
 
 _log = logging.getLogger(__name__)
 _progress: Any = None
@@ -54,9 +58,11 @@ def report_progress(fraction: float, _step: str = "") -> None:
 def _context() -> Any:
     """Return how workers start: forked from a clean server process that has imported the numerics, so in milliseconds.
 
-    Where there is no such thing (Windows) they are spawned, each importing for itself.
+    Where there is no such thing (Windows), or no room for the path of its socket, they are spawned, each importing for
+    itself.
     """
-    if "forkserver" not in multiprocessing.get_all_start_methods():
+    short = len(tempfile.gettempdir()) <= LONGEST_TEMPORARY_FOLDER
+    if "forkserver" not in multiprocessing.get_all_start_methods() or not short:
         return multiprocessing.get_context("spawn")
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(["opcua_skill.computations", "sklearn.mixture"])

@@ -20,6 +20,7 @@ SHORTEST_STEP, LONGEST_STEP = 1e-3, 20e-3
 NOZZLE_TURNS = ("shown", "free")
 TIMINGS = ("demonstrated", "constant_speed", "time_optimal")
 # Smallest singular value of the Jacobian (m and rad): below it a slow nozzle needs joints some thirty times faster.
+OF_THE_LIMIT = "of the limit"
 SINGULAR = 0.03
 HIGHEST_LIFT = 0.5
 UNIT = 1e-3
@@ -209,7 +210,7 @@ def check_rates(
                 f"joint {joint + 1} of {model.name} would need {used[name]:.2f} times its {name} limit "
                 f"{_place(times[i], phases[i])}: go slower, or give the corners a blend radius"
             )
-            found.append(Finding("SpeedLimit", float(times[i]), float(phases[i]), used[name], "of the limit", text))
+            found.append(Finding("SpeedLimit", float(times[i]), float(phases[i]), used[name], OF_THE_LIMIT, text))
     return found, used
 
 

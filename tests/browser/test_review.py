@@ -162,7 +162,7 @@ def test_versions_stand_side_by_side_and_go_out_and_come_back(plant: Any, screen
     download.value.save_as(exported)
     screen.marked("retire").click()
     screen.marked("retire-reason").locator("visible=true").fill("replaced")
-    screen.marked("retire-now").click()
+    screen.marked("retire-now").locator("visible=true").click()
     screen.page.locator("[data-mark='state']", has_text="Retired").wait_for()
 
     screen.go("/")

@@ -223,3 +223,13 @@ def test_the_way_home_from_home_is_a_moment_of_standing(model):
 def test_no_way_home_from_joints_that_are_no_numbers(panda):
     with pytest.raises(MotionRefused, match="7 finite numbers"):
         plan_home(panda, (math.nan,) * 7)
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_learned_corner_sharper_than_the_grid_is_slowed_not_refused(seed: int) -> None:
+    model = arms.load("panda")
+    motion = learn(simulated_people(20, seed)[0], compare=False).motion
+    order = MotionOrder(time_step=0.004, timing="constant_speed", speed=0.025, frame=model.part_frame)
+    plan = plan_motion(motion, order, model)
+    assert plan.findings
+    assert plan.duration < 20.0

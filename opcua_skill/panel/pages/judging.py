@@ -26,6 +26,7 @@ class Judging:
         self.page = page
         self.session, self.words = page.session, page.words
         self.skill: Skill = page.version.skill
+        self.retiring, self.retire_reason = False, ""
         with ui.element("div").classes("sheet stack"):
             self._head()
             self.change = ui.label().classes("small").props('data-mark="change"')
@@ -170,8 +171,10 @@ class Judging:
                 ui.button(
                     words("Retire for good"), icon="archive", on_click=lambda: self._retire(reason.value or "", refused)
                 ).props('no-caps outline dense color=negative data-mark="retire-now"')
-            asked.set_visibility(False)
-            ask.on_click(lambda: asked.set_visibility(not asked.visible))
+            # What is being written stays when the page is drawn anew because somebody else changed something.
+            reason.bind_value(self, "retire_reason")
+            asked.bind_visibility_from(self, "retiring")
+            ask.on_click(lambda: setattr(self, "retiring", not self.retiring))
 
     async def _retire(self, reason: str, refused: ui.label) -> None:
         try:

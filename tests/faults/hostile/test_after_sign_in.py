@@ -13,7 +13,7 @@ from tests.faults.hostile.scene import Scene
 from tests.faults.hostile.witness import client_of
 from tests.opcua_skill.stack.small_server import until
 
-pytestmark = [pytest.mark.asyncio(loop_scope="package"), pytest.mark.slow]
+pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.slow]
 
 Ids, Codes = ua.ObjectIds, ua.StatusCodes
 CALL, READ, BROWSE = (

@@ -10,7 +10,7 @@ from asyncua import ua
 from tests.faults.hostile.peer import Stranger, chunk, header, hello, open_channel, service, stranger, string
 from tests.faults.hostile.scene import Scene
 
-pytestmark = [pytest.mark.asyncio(loop_scope="package"), pytest.mark.slow]
+pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.slow]
 
 GET_ENDPOINTS = ua.ObjectIds.GetEndpointsRequest_Encoding_DefaultBinary
 CREATE_SESSION = ua.ObjectIds.CreateSessionRequest_Encoding_DefaultBinary

@@ -16,7 +16,7 @@ from opcua_skill.stack.chunks import SecureChannel
 from tests.faults.hostile.peer import Stranger, chunk, header, hello, insider, open_channel, service, stranger, string
 from tests.faults.hostile.scene import Scene
 
-pytestmark = [pytest.mark.asyncio(loop_scope="package"), pytest.mark.slow]
+pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.slow]
 
 MESSAGES = int(os.environ.get("OPCUA_SKILL_MUTATIONS", "100000"))
 BEFORE_SIGN_IN = MESSAGES // 20
