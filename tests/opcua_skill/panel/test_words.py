@@ -27,7 +27,7 @@ def said(file: Path) -> Iterator[str]:
         if not isinstance(node, ast.Call):
             continue
         name = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
-        if name in ("words", "_part", NotADemonstration.__name__):
+        if node.args and name in ("words", "_part", NotADemonstration.__name__):
             yield from texts(node.args[0])
 
 
