@@ -26,7 +26,7 @@ from benchmarks.learning_figures import sheet
 from models.alignment import warp
 from models.demonstration import Demonstration, Floats
 from models.evaluation import corner_error, end_error, frechet, path_rms, resampled, smoothness
-from models.group import diagonal
+from models.geometry import diagonal
 from models.learning import LearnedMotion, LearningOptions, VerdictKind, learn
 from models.mixture import priors
 from models.people import ZIGZAG_IN_SPACE, simulated_people, true_orientations

@@ -11,10 +11,12 @@ FastDTW, from the package of that name.
 # pyright: reportMissingTypeStubs=false, reportAttributeAccessIssue=false
 
 import warnings
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import fastdtw
 import numpy as np
+from numpy.lib.stride_tricks import as_strided
 from numpy.typing import NDArray
 
 from models.demonstration import Bools, Floats
@@ -23,6 +25,7 @@ Steps = NDArray[np.int8]
 Indices = NDArray[np.int64]
 BATCH = 64
 PAIRS = 512
+BLOCK = 16
 DIAGONAL, ALONG_REFERENCE, ALONG_OTHER = 0, 1, 2
 
 
@@ -98,64 +101,99 @@ def fastdtw_is_compiled() -> bool:
 
 
 def _sweep(references: Floats, others: Floats, open_start: Bools, tell_steps: bool = True) -> tuple[Steps, Floats]:
-    """Return the step into each cell, by anti-diagonal and row (n + m - 1, b, n), and the cost (b, n) of ending at
-    each row. Who asks for costs alone gets no steps (0, b, n), in half the time.
+    """Return the step into each cell, by anti-diagonal and row (n + m - 1, n, b), and the cost (b, n) of ending at
+    each row. Who asks for costs alone gets no steps (0, n, b).
 
-    Buffers of a diagonal are shifted by one: place i + 1 holds row i, place 0 is outside the table. The next two
-    diagonals look one row beyond either end of this one, where nobody comes from.
+    The motions are the last axis, so that a stretch of a diagonal is one piece of memory. Buffers of a diagonal are
+    shifted by one: place i + 1 holds row i, place 0 is outside the table. The next two diagonals look one row beyond
+    either end of this one, where nobody comes from.
+    """
+    batch, m = others.shape[:2]
+    n = references.shape[1]
+    steps = np.zeros((n + m - 1 if tell_steps else 0, n, batch), dtype=np.int8)
+    totals = np.empty((n, batch), dtype=np.float32)
+    before, latest, now = (np.full((n + 1, batch), np.inf, dtype=np.float32) for _ in range(3))
+    free = np.where(open_start, 0.0, np.inf)
+    beside = np.empty((n, batch), dtype=bool)
+    for diagonal, low, away in _distances(references, others):
+        high = low + len(away)
+        straight, up, along = before[low:high], latest[low:high], latest[low + 1 : high + 1]
+        if diagonal < n:
+            straight[-1] = 0.0 if diagonal == 0 else free
+        reached = now[low + 1 : high + 1]
+        np.minimum(up, along, out=reached)
+        if tell_steps:
+            step = steps[diagonal, low:high]
+            np.greater(up, along, out=beside[low:high])
+            np.add(beside[low:high].view(np.int8), ALONG_REFERENCE, out=step, casting="unsafe")
+            np.greater(straight, reached, out=beside[low:high])
+            np.multiply(step, beside[low:high].view(np.int8), out=step)
+        np.minimum(straight, reached, out=reached)
+        reached += away
+        now[low] = np.inf
+        now[high + 1 :][:1] = np.inf
+        if diagonal >= m - 1:
+            totals[diagonal - m + 1] = now[diagonal - m + 2]
+        before, latest, now = latest, now, before
+    return steps, totals.T.astype(np.float64)
+
+
+def _distances(references: Floats, others: Floats) -> Iterator[tuple[int, int, NDArray[np.float32]]]:
+    """Give each anti-diagonal of the distance tables of b pairs: its number, its first row, its cells (r, b).
+
+    A block of diagonals is computed at once, on a view in which moving on to the next diagonal is a step backwards
+    through the turned motion. Single precision about the common middle is a millionth of the drawing, in half the time.
     """
     batch, m, width = others.shape
     n = references.shape[1]
-    steps = np.zeros((n + m - 1 if tell_steps else 0, batch, n), dtype=np.int8)
-    totals = np.empty((batch, n))
-    axes = [np.ascontiguousarray(references[:, :, axis]) for axis in range(width)]
-    flipped = [np.ascontiguousarray(others[:, ::-1, axis]) for axis in range(width)]
-    before, latest, now = (np.full((batch, n + 1), np.inf) for _ in range(3))
-    free = np.where(open_start, 0.0, np.inf)
-    for diagonal in range(n + m - 1):
-        low, high = max(0, diagonal - m + 1), min(n, diagonal + 1)
-        start = m - 1 - diagonal + low
-        away = np.zeros((batch, high - low))
-        for one, other in zip(axes, flipped, strict=True):
-            difference = one[:, low:high] - other[:, start : start + high - low]
-            away += difference * difference
+    middle = references.mean(axis=(0, 1))
+    rows = np.ascontiguousarray((references - middle).transpose(2, 1, 0), dtype=np.float32)
+    turned = np.zeros((width, m + 2 * (BLOCK - 1), batch), dtype=np.float32)
+    turned[:, BLOCK - 1 : BLOCK - 1 + m] = (others[:, ::-1] - middle).transpose(2, 1, 0)
+    one, sample = turned.strides[1:][::-1]
+    for start in range(0, n + m - 1, BLOCK):
+        end = min(start + BLOCK, n + m - 1)
+        low, high = max(0, start - m + 1), min(n, end)
+        shape = (end - start, high - low, batch)
+        away = np.zeros(shape, dtype=np.float32)
+        difference = np.empty(shape, dtype=np.float32)
+        for axis in range(width):
+            first = turned[axis, BLOCK - 1 + m - 1 - start + low :]
+            shifted = as_strided(first, shape, (-sample, sample, one), writeable=False)
+            np.subtract(rows[axis, low:high], shifted, out=difference)
+            np.multiply(difference, difference, out=difference)
+            away += difference
         np.sqrt(away, out=away)
-        straight = before[:, low:high]
-        if diagonal < n:
-            straight[:, -1] = 0.0 if diagonal == 0 else free
-        up, along = latest[:, low:high], latest[:, low + 1 : high + 1]
-        nearest = np.minimum(up, along)
-        if tell_steps:
-            beside = np.greater(up, along).view(np.int8) + np.int8(ALONG_REFERENCE)
-            np.multiply(np.greater(straight, nearest).view(np.int8), beside, out=steps[diagonal, :, low:high])
-        np.minimum(straight, nearest, out=nearest)
-        np.add(away, nearest, out=now[:, low + 1 : high + 1])
-        now[:, low] = np.inf
-        now[:, high + 1 :][:, :1] = np.inf
-        if diagonal >= m - 1:
-            totals[:, diagonal - m + 1] = now[:, diagonal - m + 2]
-        before, latest, now = latest, now, before
-    return steps, totals
+        for diagonal in range(start, end):
+            first_row = max(0, diagonal - m + 1)
+            yield diagonal, first_row, away[diagonal - start, first_row - low : min(n, diagonal + 1) - low]
 
 
 def _backtrack(steps: Steps, totals: Floats, last: Indices, m: int) -> Warps:
-    batch, n = steps.shape[1:]
+    """Return the warps that end at rows ``last`` (b,), followed backwards step by step: plain counting is quicker here
+    than arrays of b.
+    """
+    n, batch = steps.shape[1:]
+    cells = memoryview(np.ascontiguousarray(steps)).cast("b")
     sums, hits = np.zeros((batch, n)), np.zeros((batch, n))
-    row, column = last.copy(), np.full(batch, m - 1)
-    everyone = np.arange(batch)
-    lengths = np.zeros(batch)
-    active = np.ones(batch, dtype=bool)
-    while active.any():
-        there = everyone[active]
-        sums[there, row[active]] += column[active]
-        hits[there, row[active]] += 1
-        lengths += active
-        step = steps[row + column, everyone, row]
-        active &= ~((column == 0) & (step == DIAGONAL))
-        row = row - (active & (step != ALONG_OTHER))
-        column = column - (active & (step != ALONG_REFERENCE))
+    first, lengths = np.empty(batch, dtype=np.int64), np.empty(batch)
+    for motion in range(batch):
+        row, column = int(last[motion]), m - 1
+        rows, columns = [row], [column]
+        while True:
+            step = cells[((row + column) * n + row) * batch + motion]
+            if column == 0 and step == DIAGONAL:
+                break
+            if step != ALONG_OTHER:
+                row -= 1
+            if step != ALONG_REFERENCE:
+                column -= 1
+            rows.append(row)
+            columns.append(column)
+        first[motion], lengths[motion] = row, len(rows)
+        sums[motion], hits[motion] = np.bincount(rows, columns, minlength=n), np.bincount(rows, minlength=n)
     positions = np.where(hits > 0, sums / np.maximum(hits, 1), np.nan)
-    return Warps(positions, row, last, totals / lengths)
+    return Warps(positions, first, last, totals / lengths)
 
 
 _warned: set[str] = set()

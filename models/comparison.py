@@ -20,6 +20,7 @@ from models.correspondence import mean_of, taken_at
 from models.demonstration import Demonstration, Edits, Floats
 from models.errors import SkillError
 from models.evaluation import frechet, resampled, smoothness
+from models.geometry import norms
 from models.motion import Motion
 from models.options import LearningOptions
 from models.paper import fit_aligned
@@ -79,7 +80,7 @@ def _to_polyline(points: Floats, line: Floats) -> tuple[Floats, Indices]:
         square = np.maximum((side * side).sum(axis=1), 1e-300)
         share = np.clip(((points - line[start]) * side).sum(axis=1) / square, 0.0, 1.0)
         rest = points - line[start] - share[:, None] * side
-        away = np.minimum(away, np.sqrt((rest * rest).sum(axis=1)))
+        away = np.minimum(away, norms(rest))
     return away, nearest
 
 
@@ -157,13 +158,13 @@ def to_paper(motion: Motion, demonstrations: Sequence[Demonstration], edits: Edi
 
 def path_error(path: Floats, mean: Floats) -> dict[str, float]:
     """Return the distance in m of a path (n, d) from a mean (n, d) at the same phases: root mean square and largest."""
-    away = np.sqrt(((path - mean) ** 2).sum(axis=1))
+    away = norms(path - mean)
     return {"rms": float(np.sqrt((away * away).mean())), "max": float(away.max())}
 
 
 def end_error(path: Floats, mean: Floats) -> dict[str, float]:
     """Return how far in m a path (n, d) starts and ends from where a mean (m, d) does."""
-    start, end = np.sqrt(((path[[0, -1]] - mean[[0, -1]]) ** 2).sum(axis=1))
+    start, end = norms(path[[0, -1]] - mean[[0, -1]])
     return {"start": float(start), "end": float(end)}
 
 

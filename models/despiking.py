@@ -8,6 +8,7 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from models.demonstration import Bools, Floats
+from models.geometry import norms
 
 WINDOW = 0.15
 PASSES = 4
@@ -44,10 +45,10 @@ def _off_the_track(times: Floats, points: Floats) -> Bools:
     A jump is a step eight times faster than a brisk one of this recording, and 1.5 % of the drawing more.
     """
     spans = np.diff(times)
-    speeds = np.sqrt((np.diff(points, axis=0) ** 2).sum(axis=1)) / spans
+    speeds = norms(np.diff(points, axis=0)) / spans
     fastest = JUMP * float(np.quantile(speeds, BRISK))
-    extent = np.quantile(points, 0.95, axis=0) - np.quantile(points, 0.05, axis=0)
-    slack = JUMP_REACH * float(np.sqrt((extent * extent).sum()))
+    low, high = np.quantile(points, (0.05, 0.95), axis=0)
+    slack = JUMP_REACH * float(norms(high - low))
     starts = np.concatenate([[0], np.flatnonzero(speeds * spans > fastest * spans + slack) + 1])
     ends = np.append(starts[1:], len(points)) - 1
     if len(starts) == 1:
@@ -56,7 +57,7 @@ def _off_the_track(times: Floats, points: Floats) -> Bools:
     before = np.full(len(starts), -1)
     for segment in range(1, len(starts)):
         earlier = np.arange(max(0, segment - LOOK_BACK), segment)
-        away = np.sqrt(((points[ends[earlier]] - points[starts[segment]]) ** 2).sum(axis=1))
+        away = norms(points[ends[earlier]] - points[starts[segment]])
         near = earlier[away <= fastest * (times[starts[segment]] - times[ends[earlier]]) + slack]
         if len(near):
             best = near[chain[near].argmax()]
@@ -74,8 +75,8 @@ def _off_the_median(times: Floats, points: Floats) -> Bools:
     half = max(2, round(0.5 * WINDOW / float(np.median(np.diff(times)))))
     window = 2 * min(half, (len(points) - 1) // 2) + 1
     middle = np.column_stack([median_filter(axis, size=window, mode="nearest") for axis in points.T])
-    away = np.sqrt(((points - middle) ** 2).sum(axis=1))
+    away = norms(points - middle)
     usual = DEVIATION_FROM_MAD * median_filter(away, size=window, mode="nearest")
-    speeds = np.sqrt((np.diff(points, axis=0) ** 2).sum(axis=1)) / np.diff(times)
+    speeds = norms(np.diff(points, axis=0)) / np.diff(times)
     reach = 0.5 * WINDOW * float(np.quantile(speeds, BRISK))
     return away > np.maximum(3.0 * usual, max(FLOOR, reach))

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from models.demonstration import Floats
+from models.geometry import norms
 from models.phase import arc_lengths, at
 
 
@@ -27,7 +28,7 @@ def path_rms(path: Floats, truth: Floats, count: int = 2000) -> float:
 def frechet(path: Floats, truth: Floats, count: int = 500) -> float:
     """Return the discrete Fréchet distance in m between two polylines, ``count`` points on each."""
     one, other = resampled(path, count), resampled(truth, count)
-    distances = np.sqrt(((one[:, None] - other[None]) ** 2).sum(axis=2))
+    distances = norms(one[:, None] - other[None])
     before = np.full(count + 1, np.inf)
     latest = np.full(count + 1, np.inf)
     for diagonal in range(2 * count - 1):
@@ -48,7 +49,7 @@ def corner_error(path: Floats, corners: Floats) -> float:
 
 def end_error(path: Floats, truth: Floats) -> float:
     """Return the mean distance in m of the path's two ends from the true ones."""
-    return float(np.sqrt(((path[[0, -1]] - truth[[0, -1]]) ** 2).sum(axis=1)).mean())
+    return float(norms(path[[0, -1]] - truth[[0, -1]]).mean())
 
 
 def smoothness(path: Floats) -> float:
@@ -57,6 +58,6 @@ def smoothness(path: Floats) -> float:
     -ln(T³ / v_peak² · mean square jerk · T²) with T = 1 for the whole path (Hogan and Sternad; Balasubramanian et al.).
     """
     step = 1.0 / (len(path) - 1)
-    speed = np.sqrt((np.diff(path, axis=0) ** 2).sum(axis=1)) / step
+    speed = norms(np.diff(path, axis=0)) / step
     jerk = np.diff(path, n=3, axis=0) / step**3
     return -float(np.log((jerk * jerk).sum() * step / speed.max() ** 2))

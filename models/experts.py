@@ -23,7 +23,8 @@ from scipy.ndimage import gaussian_filter1d
 
 from models.demonstration import Floats
 from models.evaluation import smoothness
-from models.group import diagonal, directions
+from models.geometry import diagonal, norms
+from models.group import directions
 from models.mixture import Mixture, fit_tied, in_bins
 from models.phase import corners
 from models.regression import activations
@@ -68,12 +69,16 @@ class Handover:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit:
-    """A hand-over, the lines ``coefficients`` (2 K, d) under it, how far the path is from the mean (rms and largest,
-    m) and its smoothness (log dimensionless jerk).
-    """
+    """A hand-over and the lines ``coefficients`` (2 K, d) under it."""
 
     handover: Handover
     coefficients: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JudgedFit(Fit):
+    """A fit, how far its path is from the mean (rms and largest, m), its smoothness (log dimensionless jerk)."""
+
     rms: float
     furthest: float
     smoothness: float
@@ -112,7 +117,8 @@ def fit_handover(
     if not components:
         return _smooth_curve(mean, samples, uncertainty)
     tied = fit_tied(samples, in_bins(samples, np.linspace(0.0, 1.0, components + 1)))
-    tried = [_fit(mean, _sharpened(tied, sharpness)) for sharpness in (*CURVE_SHARPNESS, 0.7, 1.0, *POLYGON_SHARPNESS)]
+    widths = (*CURVE_SHARPNESS, 0.7, 1.0, *POLYGON_SHARPNESS)
+    tried = [_judged(mean, _fit(mean, _sharpened(tied, sharpness))) for sharpness in widths]
     near = max(NEAR * size, UNCERTAINTY * uncertainty)
     return next((fit for fit in tried if fit.furthest <= near), min(tried, key=lambda fit: fit.furthest))
 
@@ -125,7 +131,7 @@ def _smooth_curve(mean: Floats, samples: Floats, uncertainty: float) -> Fit:
     components. Where there is none, the nearest one.
     """
     limits = [max(tolerance * diagonal(mean), UNCERTAINTY * uncertainty) for tolerance in TOLERANCES]
-    fits: list[Fit] = []
+    fits: list[JudgedFit] = []
     for count in CURVE_COMPONENTS:
         fits += _curves(mean, samples, (count,), CURVE_SHARPNESS)
         if any(fit.smoothness >= ROUGH and fit.furthest <= limits[0] for fit in fits):
@@ -159,13 +165,14 @@ def _polygon(mean: Floats, samples: Floats, found: tuple[int, ...]) -> Fit:
     """Return one component for each edge, with the widest hand-over that hardly cuts the corners."""
     clock = np.linspace(0.0, 1.0, len(mean))
     tied = fit_tied(samples, in_bins(samples, clock[list(found)]))
-    fits = [_fit(mean, _sharpened(tied, sharpness)) for sharpness in POLYGON_SHARPNESS]
-    missed = [_corner_miss(fit, mean, found) for fit in fits]
-    limit = missed[-1] + CORNER_MISS * diagonal(mean)
-    return next(fit for fit, miss in zip(fits, missed, strict=True) if miss <= limit)
+    *wider, sharpest = (_sharpened(tied, sharpness) for sharpness in POLYGON_SHARPNESS)
+    sharp = _fit(mean, sharpest)
+    limit = _corner_miss(sharp, mean, found) + CORNER_MISS * diagonal(mean)
+    fits = (_fit(mean, handover) for handover in wider)
+    return next((fit for fit in fits if _corner_miss(fit, mean, found) <= limit), sharp)
 
 
-def _curves(mean: Floats, samples: Floats, counts: Sequence[int], sharpnesses: Sequence[float]) -> Iterator[Fit]:
+def _curves(mean: Floats, samples: Floats, counts: Sequence[int], sharpnesses: Sequence[float]) -> Iterator[JudgedFit]:
     """Give the fits with each of ``counts`` components in even bins of the clock, and in bins narrow where it bends.
 
     The lines are fitted to the mean anyway, so bins need no expectation maximisation: it neither brings them nearer
@@ -175,13 +182,13 @@ def _curves(mean: Floats, samples: Floats, counts: Sequence[int], sharpnesses: S
         for share in BENDING:
             bins = in_bins(samples, _bins(mean, count, share))
             for sharpness in sharpnesses:
-                yield _fit(mean, _sharpened(bins, sharpness))
+                yield _judged(mean, _fit(mean, _sharpened(bins, sharpness)))
 
 
 def _bins(mean: Floats, count: int, share: float) -> Floats:
     """Return the edges (count + 1,) of bins of a path (n, d): ``share`` of them spread by the root of its bending."""
     clock = np.linspace(0.0, 1.0, len(mean))
-    turning = np.sqrt((np.gradient(directions(mean), axis=0) ** 2).sum(axis=1))
+    turning = norms(np.gradient(directions(mean), axis=0))
     bending = np.sqrt(gaussian_filter1d(turning, BENDING_WIDTH * len(mean), mode="nearest"))
     density = 1.0 - share + share * bending / max(float(bending.mean()), 1e-12)
     filled = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]))])
@@ -224,7 +231,7 @@ def retimed(path: Floats, mean: Floats, window: float = WINDOW) -> Floats:
 def _corner_miss(fit: Fit, mean: Floats, found: tuple[int, ...]) -> float:
     """Return the largest distance in m of a corner of the mean path from the fitted one."""
     path = fit.handover.basis(np.linspace(0.0, 1.0, 4 * len(mean))) @ fit.coefficients
-    return max(float(np.sqrt(((path - mean[corner]) ** 2).sum(axis=1)).min()) for corner in found)
+    return max(float(norms(path - mean[corner]).min()) for corner in found)
 
 
 def _sharpened(tied: Mixture, sharpness: float) -> Handover:
@@ -233,20 +240,23 @@ def _sharpened(tied: Mixture, sharpness: float) -> Handover:
 
 
 def _fit(mean: Floats, handover: Handover) -> Fit:
-    basis = handover.basis(np.linspace(0.0, 1.0, len(mean)))
-    coefficients = _lines_across(handover, mean)
-    path = basis @ coefficients
+    return Fit(handover, _lines_across(handover, mean))
+
+
+def _judged(mean: Floats, fit: Fit) -> JudgedFit:
+    path = fit.handover.basis(np.linspace(0.0, 1.0, len(mean))) @ fit.coefficients
     there = _distances(path, mean)
     back = _distances(mean, path)
     rms = float(np.sqrt(0.5 * ((there**2).mean() + (back**2).mean())))
-    return Fit(handover, coefficients, rms, float(max(there.max(), back.max())), smoothness(path))
+    furthest = float(max(there.max(), back.max()))
+    return JudgedFit(fit.handover, fit.coefficients, rms, furthest, smoothness(path))
 
 
 def _distances(path: Floats, other: Floats) -> Floats:
     where = retimed(path, other, NARROW_WINDOW)
     index = np.arange(len(other), dtype=np.float64)
     nearest = np.column_stack([np.interp(where, index, column) for column in other.T])
-    return np.sqrt(((path - nearest) ** 2).sum(axis=1))
+    return norms(path - nearest)
 
 
 def _local_lines(handover: Handover, values: Floats) -> Floats:
@@ -275,7 +285,7 @@ def _lines_across(handover: Handover, mean: Floats) -> Floats:
     width = basis.shape[1]
     usual = _local_lines(handover, mean)
     moves = np.gradient(mean, axis=0)
-    ahead = moves / np.maximum(np.sqrt((moves * moves).sum(axis=1, keepdims=True)), 1e-300)
+    ahead = moves / np.maximum(norms(moves)[:, None], 1e-300)
     across = np.eye(dimension)[None] - (1.0 - ALONG) * ahead[:, :, None] * ahead[:, None, :]
     matrix = np.empty((width, dimension, width, dimension))
     for i in range(dimension):

@@ -18,6 +18,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from models.alignment import Indices, medoid, warp, warp_fast
 from models.demonstration import Bools, Floats
+from models.geometry import diagonal, norms
 from models.phase import arc_lengths, at
 
 POINTS = 256
@@ -52,17 +53,12 @@ class Group:
     weights: Floats
 
 
-def diagonal(points: Floats) -> float:
-    """Return the diagonal in m of the box around points (..., d)."""
-    reach = np.ptp(points.reshape(-1, points.shape[-1]), axis=0)
-    return float(np.sqrt((reach * reach).sum()))
-
-
-def directions(curve: Floats) -> Floats:
-    """Return the unit direction (n, d) in which a curve (n, d) moves, over 2 % of its length."""
-    smooth = gaussian_filter1d(curve, DIRECTION_WIDTH * len(curve), axis=0, mode="nearest")
-    moves = np.gradient(smooth, axis=0)
-    return moves / np.maximum(np.sqrt((moves * moves).sum(axis=1, keepdims=True)), 1e-9 * diagonal(curve) + 1e-300)
+def directions(curves: Floats) -> Floats:
+    """Return the unit directions (..., n, d) in which curves (..., n, d) move, over 2 % of their length."""
+    smooth = gaussian_filter1d(curves, DIRECTION_WIDTH * curves.shape[-2], axis=-2, mode="nearest")
+    moves = np.gradient(smooth, axis=-2)
+    still = 1e-9 * norms(np.ptp(curves, axis=-2))[..., None] + 1e-300
+    return moves / np.maximum(norms(moves), still)[..., None]
 
 
 def reference_of(curves: Floats) -> int:
@@ -79,24 +75,22 @@ def fitted_to(curves: Floats, positions: Floats, shape: Floats, weights: Floats)
     """Return the curves (u, n, d) moved and scaled so that what ``positions`` matches lies nearest to ``shape`` (n,
     d).
     """
-    fitted = np.empty_like(curves)
-    index = np.arange(curves.shape[1], dtype=np.float64)
-    for u, curve in enumerate(curves):
-        known = np.isfinite(positions[u])
-        share = weights[u, known, None] + 1e-9
-        own, common = at(positions[u, known], index, curve), shape[known]
-        middle = (share * own).sum(axis=0) / share.sum()
-        target = (share * common).sum(axis=0) / share.sum()
-        size = (share * (own - middle) ** 2).sum()
-        scale = np.sqrt((share * (common - target) ** 2).sum() / size) if size > 0 else 1.0
-        fitted[u] = (curve - middle) * scale + target
-    return fitted
+    known = np.isfinite(positions)
+    share = np.where(known, weights + 1e-9, 0.0)[:, :, None]
+    share /= share.sum(axis=1, keepdims=True)
+    own = np.where(known[:, :, None], taken(curves, positions), 0.0)
+    middle = (share * own).sum(axis=1, keepdims=True)
+    target = (share * shape).sum(axis=1, keepdims=True)
+    size = (share * (own - middle) ** 2).sum(axis=(1, 2), keepdims=True)
+    wanted = (share * (shape - target) ** 2).sum(axis=(1, 2), keepdims=True)
+    scale = np.where(size > 0, np.sqrt(wanted / np.where(size > 0, size, 1.0)), 1.0)
+    return (curves - middle) * scale + target
 
 
-def lay_upon_each_other(curves: Floats, method: str, radius: int) -> Group:
-    """Return how the curves (u, n, d), evenly sampled along their way, belong together."""
+def lay_upon_each_other(curves: Floats, reference: int, method: str, radius: int) -> Group:
+    """Return how the curves (u, n, d), evenly sampled along their way, belong together, seen from one of them."""
     count, points = curves.shape[:2]
-    shape = curves[reference_of(curves)]
+    shape = curves[reference]
     everyone = np.ones(count, dtype=bool)
     loose = warp(shape[::COARSE], curves[:, ::COARSE], everyone, everyone)
     first, last = loose.first * COARSE, loose.last * COARSE
@@ -107,9 +101,7 @@ def lay_upon_each_other(curves: Floats, method: str, radius: int) -> Group:
     for turn in range(ROUNDS):
         size = diagonal(shape)
         fitted = fitted_to(curves, positions, shape, weights)
-        features = np.concatenate(
-            [fitted / size, DIRECTION_WEIGHT * np.stack([directions(curve) for curve in fitted])], axis=2
-        )
+        features = np.concatenate([fitted / size, DIRECTION_WEIGHT * directions(fitted)], axis=2)
         target = np.concatenate([shape / size, DIRECTION_WEIGHT * directions(shape)], axis=1)
         last_turn = turn == ROUNDS - 1
         if method == "fastdtw" and last_turn:
@@ -157,10 +149,10 @@ def _finer(positions: Floats, points: int) -> Floats:
 
 def taken(curves: Floats, positions: Floats) -> Floats:
     """Return the points (u, n, d) of curves at fractional positions (u, n); NaN stays NaN."""
-    index = np.arange(curves.shape[1], dtype=np.float64)
-    return np.stack(
-        [at(where, index, curve) + 0.0 * where[:, None] for where, curve in zip(positions, curves, strict=True)]
-    )
+    everyone = np.arange(len(curves))[:, None]
+    before = np.clip(np.nan_to_num(positions).astype(np.int64), 0, curves.shape[1] - 2)
+    share = (positions - before)[:, :, None]
+    return (1.0 - share) * curves[everyone, before] + share * curves[everyone, before + 1]
 
 
 def mean_shape(points: Floats, weights: Floats) -> Floats:
@@ -181,7 +173,7 @@ def _open_sides(curves: Floats, shape: Floats, first: Indices, last: Indices) ->
     covering = last - first >= LEAST_COVER * len(shape)
     sides: list[Bools] = []
     for side, unmatched in ((0, first), (-1, most - last)):
-        away = np.sqrt(((curves[:, side] - np.median(curves[:, side], axis=0)) ** 2).sum(axis=1))
+        away = norms(curves[:, side] - np.median(curves[:, side], axis=0))
         limit = max(OPEN_DISTANCE * size, OPEN_SPREAD * float(np.median(away)))
         sides.append(covering & (away > limit) & (unmatched > OPEN_PHASE * most))
     return sides[0], sides[1]

@@ -19,7 +19,7 @@ from models.correspondence import Fitted, Progress, Remark, mean_of
 from models.demonstration import Demonstration, Edits, Floats
 from models.errors import MixedDemonstrations, SkillError, TooFewDemonstrations, UnknownDemonstration, UnlikelyUnits
 from models.evaluation import smoothness
-from models.group import diagonal
+from models.geometry import diagonal, norms
 from models.motion import Motion
 from models.options import LearningOptions
 from models.paper import fit_as_published
@@ -264,7 +264,7 @@ def _report(
     mean = mean_of(points, fitted.aligned.weights)
     each: list[DemonstrationError] = []
     for name, own in zip(names, points, strict=True):
-        away = np.sqrt(((own - path) ** 2).sum(axis=1))
+        away = norms(own - path)
         worst = int(np.nanargmax(away))
         rms = float(np.sqrt(np.nanmean(away**2)))
         each.append(DemonstrationError(name, rms, float(away[worst]), float(grid[worst])))

@@ -15,6 +15,7 @@ from scipy.interpolate import PchipInterpolator
 
 from models.demonstration import Bools, Floats
 from models.errors import InvalidModel
+from models.geometry import norms
 from models.regression import CovarianceRule, regress, regress_mean
 
 Clock = Literal["path", "time"]
@@ -110,7 +111,7 @@ class Motion:
             return np.tile([0.0, 0.0, 0.0, 1.0], (len(phases), 1))
         columns = slice(self._positions.stop, self._positions.stop + QUATERNION)
         mixed = regress_mean(self.means, self.covariances, self._clock(phases), columns)
-        return mixed / np.sqrt((mixed * mixed).sum(axis=1, keepdims=True))
+        return mixed / norms(mixed)[:, None]
 
     def times_at(self, phases: Floats) -> Floats:
         """Return the time (n,) in s at which the people were at each phase; strictly rising in phase, 0 at 0."""

@@ -9,7 +9,8 @@ import numpy as np
 from models.alignment import costs, warp
 from models.correspondence import Remark
 from models.demonstration import Floats
-from models.group import diagonal, directions, mean_shape, reference_of
+from models.geometry import diagonal, norms
+from models.group import directions, mean_shape
 from models.phase import arc_lengths
 from models.placing import similarity
 
@@ -44,12 +45,12 @@ def first_pass(curves: Floats) -> dict[int, int]:
     return found
 
 
-def against_direction(curves: Floats) -> list[int]:
-    """Return which curves (u, n, d) fit the others far better when they are run from end to start."""
+def against_direction(curves: Floats, typical: int) -> list[int]:
+    """Return which curves (u, n, d) fit the typical one far better when they are run from end to start."""
     if len(curves) < 3:
         return []
-    curves, reference = curves[:, ::COARSE], curves[reference_of(curves), ::COARSE]
-    reference = np.broadcast_to(reference, curves.shape)
+    curves = curves[:, ::COARSE]
+    reference = np.broadcast_to(curves[typical], curves.shape)
     forward, backward = costs(reference, curves), costs(reference, curves[:, ::-1])
     return [
         int(index) for index in np.flatnonzero((backward < BACKWARDS * forward) & (forward > 2 * np.median(forward)))
@@ -123,7 +124,7 @@ def _ratios(offsets: Floats, middle: Floats) -> Floats:
 
     Usual is the median motion's, but 70 % of the motions' usual worst and 3 % of the diagonal by 3.5 at least.
     """
-    away = np.where(np.isfinite(offsets[:, :, 0]), np.sqrt((offsets**2).sum(axis=2)), 0.0)
+    away = np.where(np.isfinite(offsets[:, :, 0]), norms(offsets), 0.0)
     width = _width(away.shape[1])
     sums = np.cumsum(np.concatenate([np.zeros((len(away), 1)), away], axis=1), axis=1)
     windows = (sums[:, width:] - sums[:, :-width]) / width
@@ -139,7 +140,10 @@ def _median(points: Floats, weights: Floats) -> Floats:
     """Return the median (n, d) of the motions there are at each instant."""
     nobody = np.asarray(~np.isfinite(points).any(axis=(0, 2)))
     filled = np.where(nobody[None, :, None], mean_shape(points, weights), points)
-    return np.nanmedian(filled, axis=0)
+    ordered = np.sort(filled, axis=0)
+    count = np.isfinite(filled).sum(axis=0, keepdims=True)
+    low, high = (np.take_along_axis(ordered, place, axis=0)[0] for place in ((count - 1) // 2, count // 2))
+    return 0.5 * (low + high)
 
 
 def _side(offset: Floats) -> str:

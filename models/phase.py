@@ -8,6 +8,7 @@ import numpy as np
 
 from models.cleaning import CleanMotion, moving_average
 from models.demonstration import Floats
+from models.geometry import norms
 
 RESTING = 0.1
 LENGTH_WINDOW = 0.15
@@ -20,7 +21,7 @@ def travelled(motion: CleanMotion) -> Floats:
     """
     step = float(motion.times[1] - motion.times[0])
     smooth = moving_average(motion.points, round(LENGTH_WINDOW / step))
-    lengths = np.sqrt((np.diff(smooth, axis=0) ** 2).sum(axis=1))
+    lengths = norms(np.diff(smooth, axis=0))
     moving = lengths[lengths > 0]
     if not len(moving):
         return np.linspace(0.0, 1.0, len(motion.times))
@@ -32,7 +33,7 @@ def travelled(motion: CleanMotion) -> Floats:
 
 def arc_lengths(path: Floats) -> Floats:
     """Return the length in m from the start to each point of a path (n, d)."""
-    return np.concatenate([[0.0], np.cumsum(np.sqrt((np.diff(path, axis=0) ** 2).sum(axis=1)))])
+    return np.concatenate([[0.0], np.cumsum(norms(np.diff(path, axis=0)))])
 
 
 def at(positions: Floats, knots: Floats, values: Floats) -> Floats:
@@ -55,7 +56,7 @@ def corners(path: Floats, tolerance: float) -> tuple[int, ...]:
         inner = path[first + 1 : last] - path[first]
         square = float((chord * chord).sum())
         along = np.clip((inner * chord).sum(axis=1) / square, 0.0, 1.0) if square > 0 else np.zeros(len(inner))
-        away = np.sqrt(((inner - along[:, None] * chord) ** 2).sum(axis=1))
+        away = norms(inner - along[:, None] * chord)
         furthest = int(away.argmax())
         if away[furthest] > tolerance:
             corner = first + 1 + furthest

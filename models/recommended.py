@@ -15,7 +15,8 @@ from models.correspondence import Correspondence, Fitted, Progress, Remark, mean
 from models.demonstration import Floats
 from models.errors import MixedDemonstrations
 from models.experts import Fit, Handover, fit_handover, lines, retimed
-from models.group import POINTS, Group, diagonal, lay_upon_each_other, mean_shape, taken
+from models.geometry import diagonal
+from models.group import POINTS, Group, lay_upon_each_other, mean_shape, reference_of, taken
 from models.mixture import Mixture
 from models.oddness import against_direction, first_pass, mismatch, odd_ones
 from models.options import LearningOptions
@@ -39,21 +40,25 @@ def fit_recommended(motions: list[CleanMotion], options: LearningOptions, tell: 
     left_out: dict[int, Remark] = {}
     motions = list(motions)
     curves, places = _curves(motions)
-    for index, end in first_pass(curves).items():
+    repeated = first_pass(curves)
+    for index, end in repeated.items():
         motions[index] = _until(motions[index], float(places[index][end]))
         in_part[index] = Remark("drawn more than once: the first time is used", None, None)
-    curves, places = _curves(motions)
+    if repeated:
+        curves, places = _curves(motions)
     if options.place == "free":
         motions = laid_freely(motions, curves)
         curves, places = _curves(motions)
     others = other_shapes([motion.demonstration_id for motion in motions], curves)
     rows = list(range(len(motions)))
+    typical = reference_of(curves)
     if options.reject_outliers:
         left_out.update(others)
-        for index in against_direction(curves):
+        for index in against_direction(curves, typical):
             left_out[index] = Remark("drawn in the opposite direction: draw it again from the other end", None, None)
         rows = [row for row in rows if row not in left_out]
-    group, aligned = _laid(motions, curves, places, rows, options)
+    typical = reference_of(curves[rows]) if left_out else typical
+    group, aligned = _laid(motions, curves, places, rows, typical, options)
     for turn in range(ROUNDS if options.reject_outliers else 0):
         tell(0.5 + 0.05 * turn, "aligning")
         odd = odd_ones(aligned.points, aligned.weights)
@@ -61,7 +66,7 @@ def fit_recommended(motions: list[CleanMotion], options: LearningOptions, tell: 
             break
         left_out.update({rows[row]: remark for row, remark in odd.items()})
         rows = [row for i, row in enumerate(rows) if i not in odd]
-        group, aligned = _laid(motions, curves, places, rows, options)
+        group, aligned = _laid(motions, curves, places, rows, reference_of(curves[rows]), options)
     if mismatch(aligned.points, aligned.weights) > MIXED:
         raise MixedDemonstrations(
             "the demonstrations do not show the same shape: learn those that belong together, exclude the others"
@@ -124,12 +129,17 @@ def _curves(motions: list[CleanMotion]) -> tuple[Floats, Floats]:
 
 
 def _laid(
-    motions: list[CleanMotion], curves: Floats, places: Floats, rows: list[int], options: LearningOptions
+    motions: list[CleanMotion],
+    curves: Floats,
+    places: Floats,
+    rows: list[int],
+    typical: int,
+    options: LearningOptions,
 ) -> tuple[Group, Correspondence]:
-    """Return how the motions of these rows lie upon each other, and they themselves at even instants of their mean
-    path.
+    """Return how the motions of these rows lie upon each other, seen from the typical one of them, and they themselves
+    at even instants of their mean path.
     """
-    group = lay_upon_each_other(curves[rows], options.alignment or "dtw", options.radius or 1)
+    group = lay_upon_each_other(curves[rows], typical, options.alignment or "dtw", options.radius or 1)
     return group, _evened(_taken([motions[row] for row in rows], places[rows], group))
 
 

@@ -14,7 +14,7 @@ from models.alignment import costs, warp
 from models.correspondence import Remark
 from models.demonstration import Floats
 from models.errors import MixedDemonstrations
-from models.group import diagonal
+from models.geometry import diagonal, norms
 from models.phase import arc_lengths, at
 from models.wording import another_shape
 
@@ -147,7 +147,7 @@ def _worst(typical: Floats, curve: Floats) -> tuple[float, float]:
     """Return where on the typical drawing (n, d), 0 to 1, and by how much in m another curve is off it the most."""
     where = warp(typical, curve[None]).positions[0]
     index = np.arange(len(curve), dtype=np.float64)
-    away = np.sqrt(((at(where, index, curve) - typical) ** 2).sum(axis=1))
+    away = norms(at(where, index, curve) - typical)
     width = max(1, round(WINDOW * len(away)))
     windows = np.convolve(away, np.full(width, 1.0 / width), mode="valid")
     worst = int(windows.argmax())

@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 
 from models.cleaning import CleanMotion, moving_average
 from models.demonstration import Bools, Floats
-from models.group import diagonal
+from models.geometry import diagonal, norms
 from models.phase import LENGTH_WINDOW, arc_lengths
 
 LEAST_PAUSE = 0.5
@@ -66,7 +66,7 @@ def pauses(motion: CleanMotion, least: float = LEAST_PAUSE) -> tuple[Pause, ...]
     step = float(motion.times[1] - motion.times[0])
     turns = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(np.int64)))
     moving = np.diff(motion.points, axis=0) * ~(still[1:] & still[:-1])[:, None]
-    way = np.concatenate([[0.0], np.cumsum(np.sqrt((moving * moving).sum(axis=1)))])
+    way = np.concatenate([[0.0], np.cumsum(norms(moving))])
     found: list[Pause] = []
     for first, after in zip(turns[::2], turns[1::2], strict=True):
         duration = (after - 1 - first) * step
@@ -117,7 +117,7 @@ def _still(motion: CleanMotion) -> Bools:
     smooth = moving_average(motion.points, round(LENGTH_WINDOW / step))
     highest = maximum_filter1d(smooth, window, axis=0, mode="nearest")
     lowest = minimum_filter1d(smooth, window, axis=0, mode="nearest")
-    reach = np.sqrt(((highest - lowest) ** 2).sum(axis=1))
+    reach = norms(highest - lowest)
     limit = max(STILL * _usual_way(smooth, window), STILL_SIZE * diagonal(motion.points))
     centres = (reach < limit) & motion.known
     return np.asarray(maximum_filter1d(centres.astype(np.int8), window, mode="constant") > 0, dtype=bool)
