@@ -285,37 +285,26 @@ def _whole(learned: LearnedMotion) -> Floats:
 
 
 def _smoothness(peers: Peers) -> Iterator[Row]:
-    """Ours and ProMP on the same aligned data: smoother, at no larger error from their mean."""
+    """Ours and ProMP on the same aligned data: no ProMP, with however few or many weights, is as near to their mean and
+    smoother.
+    """
     names = [*strokes_at_hand(), *lasa_at_hand()]
     cases = {name: learn(strokes(name) if name in strokes_at_hand() else lasa(name)) for name in names}
     cases["simulated"] = learn(simulated_people(20, 0)[0])
-    asked = [("ProMP aligned", _whole(one)) for one in cases.values()]
+    asked = [("ProMPs aligned", _whole(one)) for one in cases.values()]
     for (name, learned), (theirs, _) in zip(cases.items(), peers.answers(asked), strict=True):
         mean = _whole(learned).mean(axis=0)
         path = learned.motion.points_at(COARSE)
-        size = diagonal(mean)
-        ours = 100 * frechet(path, mean) / size
+        ours, away = smoothness(path), frechet(path, mean)
+        title = f"{name}: smoothness (LDLJ), {100 * away / diagonal(mean):.2f} % of the diagonal from the mean"
+        goal = "no worse than any ProMP's as near"
         if isinstance(theirs, str):
-            yield row(f"{name}: smoothness (LDLJ)", smoothness(path), "no worse than ProMP's", False, theirs)
+            yield row(title, ours, goal, False, theirs)
             continue
-        peer = 100 * frechet(theirs, mean) / size
-        smoother = smoothness(path) >= smoothness(theirs)
-        yield row(
-            f"{name}: smoothness (LDLJ)",
-            smoothness(path),
-            "no worse than ProMP's",
-            smoother,
-            "ProMP, 30 weights",
-            smoothness(theirs),
-        )
-        yield row(
-            f"{name}: Fréchet from the mean, % of diagonal",
-            ours,
-            "no worse than ProMP's",
-            ours <= peer,
-            "ProMP, 30 weights",
-            peer,
-        )
+        near = {weights: smoothness(one) for weights, one in theirs.items() if frechet(one, mean) <= away}
+        best = max(near, key=lambda weights: near[weights], default=0)
+        peer = f"ProMP, {best} weights" if near else "no ProMP is as near"
+        yield row(title, ours, goal, not near or ours >= near[best], peer, near.get(best))
 
 
 def _real_people() -> Iterator[Row]:
@@ -369,14 +358,11 @@ def _speed(peers: Peers) -> Iterator[Row]:
     for rate, goal in ((150.0, 80), (1000.0, 400)):
         people, _ = simulated_people(20, 0, rate=rate)
         learn(people)
-        times: list[float] = []
-        for _ in range(5):
-            began = time.process_time()
-            learn(people, compare=False)
-            times.append(time.process_time() - began)
+        before = _learning_times(people)
         _, theirs = peers.answers([("naive", plain(people))])[0]
+        times = before + _learning_times(people)
         count = int(np.mean([len(one.times) for one in people]))
-        ours = min(times)
+        ours = float(np.median(times))
         yield row(
             f"20 x {count} points, s",
             ours,
@@ -386,6 +372,16 @@ def _speed(peers: Peers) -> Iterator[Row]:
             theirs,
             len(times),
         )
+
+
+def _learning_times(people: list[Demonstration]) -> list[float]:
+    """Return the processor seconds of ten learnings: half of those told of are before the peer's one, half after it."""
+    times: list[float] = []
+    for _ in range(10):
+        began = time.process_time()
+        learn(people, compare=False)
+        times.append(time.process_time() - began)
+    return times
 
 
 def _regression(peers: Peers) -> Iterator[Row]:

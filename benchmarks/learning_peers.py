@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 POINTS = 300
+WEIGHTS = (3, 4, 5, 6, 8, 10, 12, 15, 18, 21, 25, 30, 35, 40, 50, 60, 80)
 
 
 def filtered(points):
@@ -66,7 +67,12 @@ def promp(demonstrations, weights=30):
     return promp_of(at_even_times(demonstrations), weights)
 
 
-def promp_of(curves, weights=30):
+def promps_of(curves):
+    """movement_primitives' ProMP of curves (u, n, d) already aligned, by number of weights."""
+    return {weights: promp_of(curves, weights) for weights in WEIGHTS}
+
+
+def promp_of(curves, weights):
     """movement_primitives' ProMP of curves (u, n, d) already aligned."""
     from movement_primitives.promp import ProMP
 
@@ -135,7 +141,7 @@ PEERS = {
     "elastic mean": elastic,
     "linear mean": linear,
 }
-PEERS |= {"ProMP aligned": promp_of, "gmr": regression}
+PEERS |= {"ProMPs aligned": promps_of, "gmr": regression}
 
 
 def main() -> None:

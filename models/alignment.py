@@ -16,7 +16,6 @@ from dataclasses import dataclass
 
 import fastdtw
 import numpy as np
-from numpy.lib.stride_tricks import as_strided
 from numpy.typing import NDArray
 
 from models.demonstration import Bools, Floats
@@ -26,7 +25,7 @@ Indices = NDArray[np.int64]
 BATCH = 64
 PAIRS = 512
 BLOCK = 16
-DIAGONAL, ALONG_REFERENCE, ALONG_OTHER = 0, 1, 2
+DIAGONAL, ALONG_REFERENCE, ALONG_OTHER, BEGINNING = 0, 1, 2, 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -150,7 +149,7 @@ def _distances(references: Floats, others: Floats) -> Iterator[tuple[int, int, N
     rows = np.ascontiguousarray((references - middle).transpose(2, 1, 0), dtype=np.float32)
     turned = np.zeros((width, m + 2 * (BLOCK - 1), batch), dtype=np.float32)
     turned[:, BLOCK - 1 : BLOCK - 1 + m] = (others[:, ::-1] - middle).transpose(2, 1, 0)
-    one, sample = turned.strides[1:][::-1]
+    whole, sample, one = turned.strides
     for start in range(0, n + m - 1, BLOCK):
         end = min(start + BLOCK, n + m - 1)
         low, high = max(0, start - m + 1), min(n, end)
@@ -158,8 +157,8 @@ def _distances(references: Floats, others: Floats) -> Iterator[tuple[int, int, N
         away = np.zeros(shape, dtype=np.float32)
         difference = np.empty(shape, dtype=np.float32)
         for axis in range(width):
-            first = turned[axis, BLOCK - 1 + m - 1 - start + low :]
-            shifted = as_strided(first, shape, (-sample, sample, one), writeable=False)
+            begin = axis * whole + (BLOCK - 1 + m - 1 - start + low) * sample
+            shifted = np.ndarray(shape, np.float32, turned.data, begin, (-sample, sample, one))
             np.subtract(rows[axis, low:high], shifted, out=difference)
             np.multiply(difference, difference, out=difference)
             away += difference
@@ -170,28 +169,27 @@ def _distances(references: Floats, others: Floats) -> Iterator[tuple[int, int, N
 
 
 def _backtrack(steps: Steps, totals: Floats, last: Indices, m: int) -> Warps:
-    """Return the warps that end at rows ``last`` (b,), followed backwards step by step: plain counting is quicker here
+    """Return the warps that end at rows ``last`` (b,), followed backwards cell by cell: plain counting is quicker here
     than arrays of b.
     """
     n, batch = steps.shape[1:]
-    cells = memoryview(np.ascontiguousarray(steps)).cast("b")
-    sums, hits = np.zeros((batch, n)), np.zeros((batch, n))
+    everywhere = np.arange(n)
+    first_column = steps[everywhere, everywhere]
+    steps[everywhere, everywhere] = np.where(first_column == DIAGONAL, BEGINNING, first_column)
+    cells = steps.tobytes()
+    back = {DIAGONAL: (2 * n + 1) * batch, ALONG_REFERENCE: (n + 1) * batch, ALONG_OTHER: n * batch}
+    sums, hits = np.empty((batch, n)), np.empty((batch, n))
     first, lengths = np.empty(batch, dtype=np.int64), np.empty(batch)
     for motion in range(batch):
-        row, column = int(last[motion]), m - 1
-        rows, columns = [row], [column]
-        while True:
-            step = cells[((row + column) * n + row) * batch + motion]
-            if column == 0 and step == DIAGONAL:
-                break
-            if step != ALONG_OTHER:
-                row -= 1
-            if step != ALONG_REFERENCE:
-                column -= 1
-            rows.append(row)
-            columns.append(column)
-        first[motion], lengths[motion] = row, len(rows)
-        sums[motion], hits[motion] = np.bincount(rows, columns, minlength=n), np.bincount(rows, minlength=n)
+        cell = ((int(last[motion]) + m - 1) * n + int(last[motion])) * batch + motion
+        passed = [cell]
+        while (step := cells[cell]) != BEGINNING:
+            cell -= back[step]
+            passed.append(cell)
+        diagonals, rows = np.divmod(np.array(passed) // batch, n)
+        sums[motion] = np.bincount(rows, diagonals - rows, minlength=n)
+        hits[motion] = np.bincount(rows, minlength=n)
+        first[motion], lengths[motion] = rows[-1], len(passed)
     positions = np.where(hits > 0, sums / np.maximum(hits, 1), np.nan)
     return Warps(positions, first, last, totals / lengths)
 

@@ -60,7 +60,7 @@ def check(demonstration: Demonstration) -> None:
         raise UnusableDemonstration(
             "times have to be finite and to rise from sample to sample: export the recording again"
         )
-    seen = np.isfinite(columns).all(axis=1)
+    seen: Bools = np.asarray(np.isfinite(columns).all(axis=1))
     if int(seen.sum()) < LEAST_SAMPLES:
         raise UnusableDemonstration("the marker was lost nearly throughout: check the cameras and record it again")
     positions = _rows(columns, seen)

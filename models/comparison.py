@@ -16,11 +16,12 @@ from scipy.spatial import cKDTree
 
 from models.alignment import Indices, warp
 from models.cleaning import CleanMotion, clean
-from models.correspondence import mean_of, taken_at
+from models.correspondence import taken_at
 from models.demonstration import Demonstration, Edits, Floats
 from models.errors import SkillError
 from models.evaluation import frechet, resampled, smoothness
 from models.geometry import norms
+from models.group import mean_of
 from models.motion import Motion
 from models.options import LearningOptions
 from models.paper import fit_aligned

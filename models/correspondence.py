@@ -109,10 +109,3 @@ def same_side(orientations: Floats) -> Floats:
     """
     agreement = np.nansum(orientations * orientations[:1], axis=(1, 2))
     return orientations * np.where(agreement < 0, -1.0, 1.0)[:, None, None]
-
-
-def mean_of(values: Floats, weights: Floats) -> Floats:
-    """Return the weighted mean (n, m) of values (u, n, m), NaN left out."""
-    known = np.isfinite(values)
-    share = np.where(known, weights[:, :, None], 0.0)
-    return (share * np.where(known, values, 0.0)).sum(axis=0) / np.maximum(share.sum(axis=0), 1e-12)

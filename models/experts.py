@@ -35,6 +35,8 @@ CURVE_COMPONENTS = (6, 8, 10, 12, 16, 20, 24, 32)
 CURVE_SHARPNESS = (0.25, 0.4)
 POLYGON_SHARPNESS = (1.4, 1.7, 2.0, 2.5, 3.0, 4.0)
 CORNER_MISS = 0.001
+CORNER_REACH = 0.02
+CORNER_WEIGHT = 3.0
 BENDING = (0.0, 0.65)
 BENDING_WIDTH = 0.01
 BENT_RMS = 0.0016
@@ -165,10 +167,12 @@ def _polygon(mean: Floats, samples: Floats, found: tuple[int, ...]) -> Fit:
     """Return one component for each edge, with the widest hand-over that hardly cuts the corners."""
     clock = np.linspace(0.0, 1.0, len(mean))
     tied = fit_tied(samples, in_bins(samples, clock[list(found)]))
+    away = np.abs(np.subtract.outer(np.arange(len(mean)), found[1:-1])).min(axis=1, initial=len(mean))
+    weights = np.where(away < CORNER_REACH * len(mean), CORNER_WEIGHT, 1.0)
     *wider, sharpest = (_sharpened(tied, sharpness) for sharpness in POLYGON_SHARPNESS)
-    sharp = _fit(mean, sharpest)
+    sharp = _fit(mean, sharpest, weights)
     limit = _corner_miss(sharp, mean, found) + CORNER_MISS * diagonal(mean)
-    fits = (_fit(mean, handover) for handover in wider)
+    fits = (_fit(mean, handover, weights) for handover in wider)
     return next((fit for fit in fits if _corner_miss(fit, mean, found) <= limit), sharp)
 
 
@@ -239,8 +243,8 @@ def _sharpened(tied: Mixture, sharpness: float) -> Handover:
     return Handover(tied.means[order, 0], np.sqrt(tied.covariances[order, 0, 0] / sharpness))
 
 
-def _fit(mean: Floats, handover: Handover) -> Fit:
-    return Fit(handover, _lines_across(handover, mean))
+def _fit(mean: Floats, handover: Handover, weights: Floats | None = None) -> Fit:
+    return Fit(handover, _lines_across(handover, mean, np.ones(len(mean)) if weights is None else weights))
 
 
 def _judged(mean: Floats, fit: Fit) -> JudgedFit:
@@ -275,8 +279,9 @@ def _local_lines(handover: Handover, values: Floats) -> Floats:
     return np.concatenate(rows)
 
 
-def _lines_across(handover: Handover, mean: Floats) -> Floats:
-    """Return coefficients (2 K, d) of the path nearest to the mean (n, d), where only distance across the mean counts.
+def _lines_across(handover: Handover, mean: Floats, weights: Floats) -> Floats:
+    """Return coefficients (2 K, d) of the path nearest to the mean (n, d), where only distance across the mean counts,
+    by the weights (n,) of its points.
 
     A little weight keeps every component near the stretch it stands for: a component's mean is a place on the path.
     """
@@ -287,6 +292,7 @@ def _lines_across(handover: Handover, mean: Floats) -> Floats:
     moves = np.gradient(mean, axis=0)
     ahead = moves / np.maximum(norms(moves)[:, None], 1e-300)
     across = np.eye(dimension)[None] - (1.0 - ALONG) * ahead[:, :, None] * ahead[:, None, :]
+    across *= weights[:, None, None]
     matrix = np.empty((width, dimension, width, dimension))
     for i in range(dimension):
         for j in range(dimension):

@@ -115,7 +115,7 @@ def lay_upon_each_other(curves: Floats, reference: int, method: str, radius: int
         positions = _whole(_finer(found.positions, points), late, early)
         weights = _fading(first, last, late, early, points)
         if not last_turn:
-            shape, positions, weights = _evened(mean_shape(taken(curves, positions), weights), positions, weights)
+            shape, positions, weights = _evened(mean_of(taken(curves, positions), weights), positions, weights)
     return Group(positions, first / (points - 1.0), last / (points - 1.0), late, early, weights)
 
 
@@ -155,7 +155,7 @@ def taken(curves: Floats, positions: Floats) -> Floats:
     return (1.0 - share) * curves[everyone, before] + share * curves[everyone, before + 1]
 
 
-def mean_shape(points: Floats, weights: Floats) -> Floats:
+def mean_of(points: Floats, weights: Floats) -> Floats:
     """Return the weighted mean (n, m) of values (u, n, m), NaN left out."""
     known = np.isfinite(points)
     share = np.where(known, weights[:, :, None], 0.0)

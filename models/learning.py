@@ -8,18 +8,20 @@ and ``models.paper``.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
-from threadpoolctl import threadpool_limits
+from threadpoolctl import ThreadpoolController
 
 from models.cleaning import CleanMotion, clean
 from models.comparison import Previous, end_error, mean_repeatability, path_error, to_paper, to_previous
-from models.correspondence import Fitted, Progress, Remark, mean_of
+from models.correspondence import Fitted, Progress, Remark
 from models.demonstration import Demonstration, Edits, Floats
 from models.errors import MixedDemonstrations, SkillError, TooFewDemonstrations, UnknownDemonstration, UnlikelyUnits
 from models.evaluation import smoothness
 from models.geometry import diagonal, norms
+from models.group import mean_of
 from models.motion import Motion
 from models.options import LearningOptions
 from models.paper import fit_as_published
@@ -76,8 +78,14 @@ def learn(
     edits, options = edits or Edits(), options or LearningOptions()
     tell = progress or _to_nobody
     _check_edits(demonstrations, edits)
-    with threadpool_limits(limits=1):
+    with _libraries().limit(limits=1):
         return _learn(demonstrations, edits, options, tell, previous, compare)
+
+
+@cache
+def _libraries() -> ThreadpoolController:
+    """Return the linear algebra libraries of this process: looking for them costs more than limiting them."""
+    return ThreadpoolController()
 
 
 def _to_nobody(done: float, what: str) -> None:

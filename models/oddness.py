@@ -10,7 +10,7 @@ from models.alignment import costs, warp
 from models.correspondence import Remark
 from models.demonstration import Floats
 from models.geometry import diagonal, norms
-from models.group import directions, mean_shape
+from models.group import directions, mean_of
 from models.phase import arc_lengths
 from models.placing import similarity
 
@@ -64,7 +64,7 @@ def mismatch(points: Floats, weights: Floats) -> float:
     In parts of the mean's diagonal, root mean square. People who draw one shape stay below 0.06; two shapes mixed
     make 0.17.
     """
-    mean = mean_shape(points, weights)
+    mean = mean_of(points, weights)
     rests: list[float] = []
     for own in points:
         known = np.asarray(np.isfinite(own).all(axis=1))
@@ -139,7 +139,7 @@ def _width(instants: int) -> int:
 def _median(points: Floats, weights: Floats) -> Floats:
     """Return the median (n, d) of the motions there are at each instant."""
     nobody = np.asarray(~np.isfinite(points).any(axis=(0, 2)))
-    filled = np.where(nobody[None, :, None], mean_shape(points, weights), points)
+    filled = np.where(nobody[None, :, None], mean_of(points, weights), points)
     ordered = np.sort(filled, axis=0)
     count = np.isfinite(filled).sum(axis=0, keepdims=True)
     low, high = (np.take_along_axis(ordered, place, axis=0)[0] for place in ((count - 1) // 2, count // 2))

@@ -11,12 +11,12 @@ from dataclasses import replace
 import numpy as np
 
 from models.cleaning import CleanMotion, moving_average
-from models.correspondence import Correspondence, Fitted, Progress, Remark, mean_of, taken_at
+from models.correspondence import Correspondence, Fitted, Progress, Remark, taken_at
 from models.demonstration import Floats
 from models.errors import MixedDemonstrations
 from models.experts import Fit, Handover, fit_handover, lines, retimed
 from models.geometry import diagonal
-from models.group import POINTS, Group, lay_upon_each_other, mean_shape, reference_of, taken
+from models.group import POINTS, Group, lay_upon_each_other, mean_of, reference_of, taken
 from models.mixture import Mixture
 from models.oddness import against_direction, first_pass, mismatch, odd_ones
 from models.options import LearningOptions
@@ -98,7 +98,7 @@ def _stretches(
     aligned: Correspondence,
 ) -> tuple[dict[int, tuple[Pause, ...]], dict[int, tuple[Extra, ...]]]:
     """Return where the motions of these rows stood still and what they drew beyond the others, by the path's phase."""
-    path = mean_shape(taken(curves[rows], group.positions), group.weights)
+    path = mean_of(taken(curves[rows], group.positions), group.weights)
     phases = np.linspace(0.0, 1.0, aligned.times.shape[1])
     paused: dict[int, tuple[Pause, ...]] = {}
     extra: dict[int, tuple[Extra, ...]] = {}

@@ -115,9 +115,10 @@ def _still(motion: CleanMotion) -> Bools:
     if window > len(motion.points):
         return np.zeros(len(motion.points), dtype=bool)
     smooth = moving_average(motion.points, round(LENGTH_WINDOW / step))
-    highest = maximum_filter1d(smooth, window, axis=0, mode="nearest")
-    lowest = minimum_filter1d(smooth, window, axis=0, mode="nearest")
-    reach = norms(highest - lowest)
+    columns = np.ascontiguousarray(smooth.T)
+    highest = maximum_filter1d(columns, window, mode="nearest")
+    lowest = minimum_filter1d(columns, window, mode="nearest")
+    reach = norms((highest - lowest).T)
     limit = max(STILL * _usual_way(smooth, window), STILL_SIZE * diagonal(motion.points))
     centres = (reach < limit) & motion.known
     return np.asarray(maximum_filter1d(centres.astype(np.int8), window, mode="constant") > 0, dtype=bool)
