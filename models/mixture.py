@@ -52,21 +52,24 @@ def fit_tied(samples: Floats, start: Mixture) -> Mixture:
     """Return the mixture of samples (n, D) by expectation maximisation from ``start``, its priors tied to the
     covariances.
 
-    The loop ends when a step adds less than 1e-5 to the mean log-likelihood of a sample.
+    The loop ends when a step adds less than 1e-5 to the mean log-likelihood of a sample; tied priors and the floor may
+    make the last step a small one downwards, so the most likely mixture counts.
     """
     floor = _floor(samples)
-    mixture, reached = start, -np.inf
+    mixture, best, reached = start, start, -np.inf
     for _ in range(ITERATIONS):
         logarithms = _log_joint(samples, mixture)
         peak = logarithms.max(axis=1, keepdims=True)
         likelihoods = np.exp(logarithms - peak)
         total = likelihoods.sum(axis=1, keepdims=True)
         level = float((np.log(total) + peak).mean())
+        if level > reached:
+            best = mixture
         if level - reached < TOLERANCE:
             break
         reached = level
         mixture = _maximise(samples, likelihoods / total, floor)
-    return mixture
+    return best
 
 
 def fit_free(samples: Floats, start: Mixture) -> Mixture:
