@@ -29,8 +29,9 @@ from models.mixture import Mixture, fit_tied, in_bins
 from models.phase import corners
 from models.regression import activations
 
-CORNER = 0.05
+CORNERS = (0.1, 0.08, 0.065, 0.05)
 STRAIGHT = 0.02
+SURE = 5.0
 CURVE_COMPONENTS = (6, 8, 10, 12, 16, 20, 24, 32)
 CURVE_SHARPNESS = (0.25, 0.4)
 POLYGON_SHARPNESS = (1.4, 1.7, 2.0, 2.5, 3.0, 4.0)
@@ -86,29 +87,47 @@ class JudgedFit(Fit):
     smoothness: float
 
 
-def edges_of(mean: Floats) -> tuple[tuple[int, ...], bool]:
+@dataclass(frozen=True, slots=True, eq=False)
+class MeanPath:
+    """The mean path of people, ``points`` (n, d) in m at even clock steps 0..1, and how sure it is.
+
+    ``uncertainty``: its standard error in m as they drew; ``wavering``: that across the path once each one's place,
+    turn and size are taken out. ``turned`` (n, 4): the mean orientation, if any.
+    """
+
+    points: Floats
+    uncertainty: float
+    wavering: float
+    turned: Floats | None = None
+
+
+def edges_of(mean: Floats, wavering: float = 0.0) -> tuple[tuple[int, ...], bool]:
     """Return the indices of the corners of a mean path (n, d), ends included, and whether it is a polygon.
 
-    It may be one if Douglas and Peucker find no corner more at 2 % of the diagonal than at 5 %.
+    It may be one if Douglas and Peucker find no corner more at 2 % of the diagonal, or at five standard errors
+    (``wavering``, in m) where hands are less steady, than at 5 %; the fewest corners that are enough are taken.
     """
     size = diagonal(mean)
-    coarse = corners(mean, CORNER * size)
-    return coarse, len(corners(mean, STRAIGHT * size)) == len(coarse)
+    straight = max(STRAIGHT * size, SURE * wavering)
+    enough = len(corners(mean, straight))
+    candidates = [corners(mean, tolerance * size) for tolerance in CORNERS]
+    for found in candidates:
+        if len(found) >= enough:
+            return found, True
+    return candidates[-1], False
 
 
-def fit_handover(
-    mean: Floats, samples: Floats, uncertainty: float, components: int, turned: Floats | None = None
-) -> Fit:
-    """Return the hand-over and lines for a mean path (n, d) at even clock steps 0..1.
+def fit_handover(people: MeanPath, samples: Floats, components: int) -> Fit:
+    """Return the hand-over and lines for the people's mean path.
 
-    ``samples`` (r, 1 + d): clock and position of all demonstrations, for the mixture; ``uncertainty``: standard error
-    of the mean in m; ``components``: how many, 0 to choose; ``turned`` (n, 4): the mean orientation, if any. A polygon
-    gets one for each edge (more if the tool turns too much along an edge) and the widest hand-over that does not cut
-    its corners by 0.1 % of the diagonal more than the sharpest does. A curve gets the fewest components that follow
-    the mean closely and smoothly (``_smooth_curve``).
+    ``samples`` (r, 1 + d): clock and position of all demonstrations, for the mixture; ``components``: how many, 0 to
+    choose. A polygon gets one for each edge (more if the tool turns too much along an edge) and the widest hand-over
+    that does not cut its corners by 0.1 % of the diagonal more than the sharpest does. A curve gets the fewest
+    components that follow the mean closely and smoothly (``_smooth_curve``).
     """
+    mean, turned, uncertainty = people.points, people.turned, people.uncertainty
     size = diagonal(mean)
-    found, polygon = edges_of(mean)
+    found, polygon = edges_of(mean, people.wavering)
     if polygon and components in {0, len(found) - 1}:
         fewer = [count for count in CURVE_COMPONENTS if count < len(found) and not components]
         if not any(

@@ -14,11 +14,11 @@ from models.cleaning import CleanMotion, moving_average
 from models.correspondence import Correspondence, Fitted, Progress, Remark, taken_at
 from models.demonstration import Floats
 from models.errors import MixedDemonstrations
-from models.experts import Fit, Handover, fit_handover, lines, retimed
+from models.experts import Fit, Handover, MeanPath, fit_handover, lines, retimed
 from models.geometry import diagonal
 from models.group import POINTS, Group, lay_upon_each_other, mean_of, reference_of, taken
 from models.mixture import Mixture
-from models.oddness import against_direction, first_pass, mismatch, odd_ones
+from models.oddness import against_direction, first_pass, mismatch, odd_ones, wavering
 from models.options import LearningOptions
 from models.phase import arc_lengths, at, travelled
 from models.placing import laid_freely
@@ -191,8 +191,8 @@ def _fit(aligned: Correspondence, options: LearningOptions) -> tuple[Fit, Corres
     mean = mean_of(aligned.points, aligned.weights)
     spread = float(np.sqrt(np.nanmean(((aligned.points - mean) ** 2).sum(axis=2))))
     turned = None if aligned.orientations is None else mean_of(aligned.orientations, aligned.weights)
-    uncertainty = spread / np.sqrt(len(aligned.points))
-    fit = fit_handover(mean, _samples(aligned), uncertainty, options.components, turned)
+    people = MeanPath(mean, spread / np.sqrt(len(aligned.points)), wavering(aligned.points, mean), turned)
+    fit = fit_handover(people, _samples(aligned), options.components)
     path = fit.handover.basis(np.linspace(0.0, 1.0, CLOCK_POINTS)) @ fit.coefficients
     return fit, aligned.at_instants(retimed(path, mean))
 

@@ -16,14 +16,13 @@ from scipy.spatial import cKDTree
 from models.cleaning import CleanMotion, moving_average
 from models.demonstration import Bools, Floats
 from models.geometry import diagonal, norms
+from models.group import skips
 from models.phase import LENGTH_WINDOW, arc_lengths
 
 LEAST_PAUSE = 0.5
 WINDOW = 0.25
 STILL = 0.2
 STILL_SIZE = 0.005
-LEAST_EXTRA = 0.08
-SKIPPED_IN = 0.02
 NEAR = 0.06
 
 
@@ -84,13 +83,12 @@ def extras(curve: Floats, positions: Floats, path: Floats, times: Floats) -> tup
     counterpart if 8 % of the way or more, beyond what is usual, is passed within 2 % of the path.
     """
     count = len(positions)
-    reach = max(1, round(SKIPPED_IN * count))
     known = np.flatnonzero(np.isfinite(positions))
-    if len(known) <= reach:
-        return ()
     where = positions[known]
-    passed = (where[reach:] - where[:-reach]) / (len(curve) - 1.0)
-    over = np.convolve(passed > LEAST_EXTRA + SKIPPED_IN, np.ones(reach)) > 0
+    skipped = skips(where)
+    if not len(skipped):
+        return ()
+    over = np.convolve(skipped, np.ones(len(where) - len(skipped))) > 0
     turns = np.flatnonzero(np.diff(np.concatenate([[False], over, [False]]).astype(np.int64)))
     if not len(turns):
         return ()

@@ -223,3 +223,21 @@ def test_placed_freely_they_are_laid_upon_each_other() -> None:
     size = np.sqrt((np.ptp(path, axis=0) ** 2).sum())
     assert max(learned.report.repeatability) < 0.05 * size
     assert learned.report.components == 4
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("people", [3, 5, 20])
+def test_chance_waves_of_few_hands_are_no_part_of_a_short_stroke(people: int, seed: int) -> None:
+    truth = np.array([[5.0, 5.0], [45.0, 18.0], [38.0, 50.0]]) * 1e-3
+    learned = learn(simulated_people(people, seed, corners=truth)[0], compare=False)
+    assert learned.report.components == 2
+    assert path_rms(learned.motion.points_at(np.linspace(0.0, 1.0, 500)), truth) < 4.0e-3 / np.sqrt(people)
+
+
+def test_a_shallow_arc_that_all_draw_stays_an_arc() -> None:
+    turn = np.linspace(-0.35, 0.35, 41)
+    truth = 0.06 * np.column_stack([np.sin(turn), np.cos(turn)])
+    learned = learn(simulated_people(20, 2, corners=truth)[0], compare=False)
+    middle = learned.motion.points_at(np.array([0.0, 0.5, 1.0]))
+    sagitta = np.sqrt(((middle[1] - 0.5 * (middle[0] + middle[2])) ** 2).sum())
+    assert sagitta == pytest.approx(0.06 * (1.0 - np.cos(0.35)), rel=0.3)

@@ -77,11 +77,11 @@ def test_a_stretch_drawn_again_is_seen_and_is_no_oddness(first: float, last: flo
 
 def test_a_little_way_around_is_no_repetition() -> None:
     one = PEOPLE[0].points
-    out = np.linspace([0.0, 0.0], [0.02, -0.01], 60)
+    out = np.linspace([0.0, 0.0], [-0.015, 0.02], 60)
     found = fitted(np.concatenate([one[:500], one[500] + out, one[500] + out[::-1], one[500:]]))
     (extra,) = found.extras[0]
     assert not extra.repeated
-    assert extra.away > 0.005
+    assert extra.away == pytest.approx(0.0142, abs=0.002)
 
 
 def test_people_who_only_draw_the_shape_have_nothing_extra() -> None:
