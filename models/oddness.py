@@ -12,7 +12,7 @@ from models.demonstration import Floats
 from models.geometry import diagonal, norms
 from models.group import directions, mean_of
 from models.phase import arc_lengths
-from models.placing import similarity
+from models.placing import laid_upon
 
 WINDOW = 0.05
 FAR = 3.5
@@ -65,12 +65,15 @@ def mismatch(points: Floats, weights: Floats) -> float:
     make 0.17.
     """
     mean = mean_of(points, weights)
-    rests: list[float] = []
-    for own in points:
-        known = np.asarray(np.isfinite(own).all(axis=1))
-        here, there = own[known] - own[known].mean(axis=0), mean[known] - mean[known].mean(axis=0)
-        scale = float(np.sqrt((there * there).sum() / max(float((here * here).sum()), 1e-300)))
-        rests.append(float(np.sqrt(((scale * here - there) ** 2).sum(axis=1).mean())))
+    known = np.isfinite(points[:, :, :1])
+    count = known.sum(axis=1, keepdims=True)
+    here, there = (
+        np.where(known, values - np.where(known, values, 0.0).sum(axis=1, keepdims=True) / count, 0.0)
+        for values in (points, np.broadcast_to(mean, points.shape))
+    )
+    sizes = (here * here).sum(axis=(1, 2), keepdims=True)
+    scales = np.sqrt((there * there).sum(axis=(1, 2), keepdims=True) / np.maximum(sizes, 1e-300))
+    rests = np.sqrt(((scales * here - there) ** 2).sum(axis=(1, 2)) / count[:, 0, 0])
     return float(np.median(rests)) / max(diagonal(mean), 1e-300)
 
 
@@ -87,7 +90,7 @@ def odd_ones(points: Floats, weights: Floats) -> dict[int, Remark]:
     middle = _median(points, weights)
     offsets = _across(points, middle)
     ratio = _ratios(offsets, middle)
-    placed = _ratios(_across(_placed(points, middle), middle), middle).max(axis=1)
+    placed = _ratios(_across(laid_upon(points, middle), middle), middle).max(axis=1)
     worst = np.minimum(ratio.max(axis=1), np.maximum(placed, ratio.max(axis=1) / PLACED))
     most = min(count - 2, int((1.0 - KEPT) * count))
     suspects = [int(row) for row in np.argsort(-worst, kind="stable")[:most] if worst[row] > FAR]
@@ -107,7 +110,7 @@ def wavering(points: Floats, mean: Floats) -> float:
     """Return the standard error in m of the mean path (n, d) of motions (u, n, d), across the path, once each one's
     place, turn and size are taken out.
     """
-    offsets = _across(_placed(points, mean), mean)
+    offsets = _across(laid_upon(points, mean), mean)
     count = np.isfinite(offsets[:, :, 0]).sum(axis=0)
     squares = np.nan_to_num(norms(offsets) ** 2).sum(axis=0)
     several = count > 1
@@ -119,15 +122,6 @@ def _across(points: Floats, middle: Floats) -> Floats:
     ahead = directions(middle)
     offsets = points - middle
     return offsets - (offsets * ahead).sum(axis=2, keepdims=True) * ahead
-
-
-def _placed(points: Floats, middle: Floats) -> Floats:
-    """Return the motions (u, n, d), each moved, turned and scaled onto the median motion (n, d)."""
-    placed = points.copy()
-    for row, own in enumerate(points):
-        known = np.isfinite(own[:, 0])
-        placed[row, known] = similarity(own[known], middle[known]).of(own[known])
-    return placed
 
 
 def _ratios(offsets: Floats, middle: Floats) -> Floats:

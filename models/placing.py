@@ -45,6 +45,25 @@ def similarity(points: Floats, target: Floats) -> Similarity:
     return Similarity(scale, turn, other - scale * turn @ middle)
 
 
+def laid_upon(motions: Floats, target: Floats) -> Floats:
+    """Return motions (u, n, d), each moved, turned and scaled as ``similarity`` says onto the target (n, d), by what is
+    known of it; NaN stays NaN.
+    """
+    known = np.isfinite(motions[:, :, :1])
+    count = known.sum(axis=1, keepdims=True)
+    middle = np.where(known, motions, 0.0).sum(axis=1, keepdims=True) / count
+    other = np.where(known, target, 0.0).sum(axis=1, keepdims=True) / count
+    here = np.where(known, motions - middle, 0.0)
+    there = np.where(known, target - other, 0.0)
+    left, strengths, right = np.linalg.svd(there.transpose(0, 2, 1) @ here)
+    signs = np.ones_like(strengths)
+    signs[:, -1] = np.sign(np.linalg.det(left) * np.linalg.det(right))
+    turns = (left * signs[:, None, :]) @ right
+    scales = (strengths * signs).sum(axis=1) / np.maximum((here * here).sum(axis=(1, 2)), 1e-300)
+    laid = scales[:, None, None] * (here @ turns.transpose(0, 2, 1)) + other
+    return np.where(known, laid, np.nan)
+
+
 def laid_freely(motions: list[CleanMotion], curves: Floats) -> list[CleanMotion]:
     """Return the motions moved, turned and scaled onto each other; ``curves`` (u, n, d) are they at even steps of
     their way.

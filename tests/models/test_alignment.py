@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from models.alignment import costs, fastdtw_is_compiled, medoid, warp, warp_fast
+from models.placing import laid_upon, similarity
 
 LAWS = settings(deadline=None, max_examples=60)
 
@@ -112,3 +113,21 @@ def test_an_open_side_leaves_out_what_was_not_drawn(side: str) -> None:
     openly = np.ones(1, dtype=bool)
     found = warp(reference, part[None], openly if side == "start" else None, openly if side == "end" else None)
     assert (int(found.first[0]), int(found.last[0])) == ((30, 99) if side == "start" else (0, 69))
+
+
+@LAWS
+@given(st.integers(0, 2**32 - 1), st.integers(2, 3))
+def test_motions_are_laid_upon_a_target_wherever_they_are_known(seed: int, dimension: int) -> None:
+    generator = np.random.default_rng(seed)
+    target = walk(generator, 30, dimension)
+    turn = np.linalg.qr(generator.normal(size=(dimension, dimension)))[0]
+    turn[:, 0] *= np.sign(np.linalg.det(turn))
+    motions = np.stack([target @ turn.T * 1.7 + 0.4, target, target * 0.5])
+    motions[2, 20:] = np.nan
+    laid = laid_upon(motions, target)
+    np.testing.assert_allclose(laid[:2], [target, target], atol=1e-9)
+    np.testing.assert_allclose(laid[2, :20], target[:20], atol=1e-9)
+    assert np.isnan(laid[2, 20:]).all()
+    one = similarity(motions[0] + generator.normal(0.0, 1e-3, target.shape), target)
+    np.testing.assert_allclose(one.turn @ one.turn.T, np.eye(dimension), atol=1e-9)
+    assert np.linalg.det(one.turn) > 0
