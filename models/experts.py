@@ -17,6 +17,7 @@ Only the distance across the path counts in that fit: a point may slide along th
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
@@ -26,13 +27,15 @@ from models.evaluation import smoothness
 from models.geometry import diagonal, norms
 from models.group import directions
 from models.mixture import Mixture, fit_tied, in_bins
-from models.phase import corners
+from models.phase import corners, from_chord
 from models.regression import activations
 
 CORNERS = (0.1, 0.08, 0.065, 0.05)
 STRAIGHT = 0.02
+BOWED = 0.05
 SURE = 5.0
 CURVE_COMPONENTS = (6, 8, 10, 12, 16, 20, 24, 32)
+LONG_CURVE_COMPONENTS = (48, 64)
 CURVE_SHARPNESS = (0.25, 0.4)
 POLYGON_SHARPNESS = (1.4, 1.7, 2.0, 2.5, 3.0, 4.0)
 CORNER_MISS = 0.001
@@ -104,15 +107,16 @@ class MeanPath:
 def edges_of(mean: Floats, wavering: float = 0.0) -> tuple[tuple[int, ...], bool]:
     """Return the indices of the corners of a mean path (n, d), ends included, and whether it is a polygon.
 
-    It may be one if Douglas and Peucker find no corner more at 2 % of the diagonal, or at five standard errors
-    (``wavering``, in m) where hands are less steady, than at 5 %; the fewest corners that are enough are taken.
+    It may be one if no edge between the corners that Douglas and Peucker find strays from its chord by more than 2 % of
+    the diagonal and 5 % of its own length, or than five standard errors (``wavering``, in m) where hands are less
+    steady; the fewest corners that are enough are taken.
     """
     size = diagonal(mean)
-    straight = max(STRAIGHT * size, SURE * wavering)
-    enough = len(corners(mean, straight))
     candidates = [corners(mean, tolerance * size) for tolerance in CORNERS]
     for found in candidates:
-        if len(found) >= enough:
+        edges = [mean[first : last + 1] for first, last in pairwise(found)]
+        straight = [max(min(STRAIGHT * size, BOWED * diagonal(edge[[0, -1]])), SURE * wavering) for edge in edges]
+        if all(from_chord(edge).max() <= limit for edge, limit in zip(edges, straight, strict=True)):
             return found, True
     return candidates[-1], False
 
@@ -149,7 +153,8 @@ def _smooth_curve(mean: Floats, samples: Floats, uncertainty: float) -> Fit:
 
     Of the tolerances 0.12 % to 0.4 % of the diagonal (or a twentieth of the mean's standard error) the first counts
     that some fit keeps everywhere without being rougher than a hand; of those fits the smoothest with the fewest
-    components. Where there is none, the nearest one.
+    components. A path of many turns is rough by itself: there the smoothest of those that keep the last tolerance
+    counts, with up to 64 components; where none does, the nearest one.
     """
     limits = [max(tolerance * diagonal(mean), UNCERTAINTY * uncertainty) for tolerance in TOLERANCES]
     fits: list[JudgedFit] = []
@@ -162,7 +167,12 @@ def _smooth_curve(mean: Floats, samples: Floats, uncertainty: float) -> Fit:
         near = [fit for fit in smooth if fit.furthest <= limit]
         if near:
             return min(near, key=lambda fit: (len(fit.handover.centres), -fit.smoothness))
-    return min(smooth or fits, key=lambda fit: fit.furthest)
+    for count in LONG_CURVE_COMPONENTS:
+        near = [fit for fit in fits if fit.furthest <= limits[-1]]
+        if near:
+            return max(near, key=lambda fit: fit.smoothness)
+        fits += _curves(mean, samples, (count,), CURVE_SHARPNESS)
+    return min(fits, key=lambda fit: fit.furthest)
 
 
 def _divided(mean: Floats, samples: Floats, found: tuple[int, ...], turned: Floats | None) -> tuple[int, ...]:

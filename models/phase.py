@@ -41,6 +41,15 @@ def at(positions: Floats, knots: Floats, values: Floats) -> Floats:
     return np.stack([np.interp(positions, knots, column) for column in values.T], axis=-1)
 
 
+def from_chord(path: Floats) -> Floats:
+    """Return how far in m each point of a path (n, d) is from the straight line between its ends: (n,)."""
+    chord = path[-1] - path[0]
+    inner = path - path[0]
+    square = float((chord * chord).sum())
+    along = np.clip((inner * chord).sum(axis=1) / square, 0.0, 1.0) if square > 0 else np.zeros(len(inner))
+    return norms(inner - along[:, None] * chord)
+
+
 def corners(path: Floats, tolerance: float) -> tuple[int, ...]:
     """Return the indices of the corners of a path (n, d), its ends included, by Douglas and Peucker.
 
@@ -52,11 +61,7 @@ def corners(path: Floats, tolerance: float) -> tuple[int, ...]:
         first, last = stretches.pop()
         if last - first < 2:
             continue
-        chord = path[last] - path[first]
-        inner = path[first + 1 : last] - path[first]
-        square = float((chord * chord).sum())
-        along = np.clip((inner * chord).sum(axis=1) / square, 0.0, 1.0) if square > 0 else np.zeros(len(inner))
-        away = norms(inner - along[:, None] * chord)
+        away = from_chord(path[first : last + 1])[1:-1]
         furthest = int(away.argmax())
         if away[furthest] > tolerance:
             corner = first + 1 + furthest
