@@ -36,6 +36,7 @@ BOWED = 0.05
 SURE = 5.0
 CURVE_COMPONENTS = (6, 8, 10, 12, 16, 20, 24, 32)
 LONG_CURVE_COMPONENTS = (48, 64)
+LONG_CURVE_TOLERANCE = 0.006
 CURVE_SHARPNESS = (0.25, 0.4)
 POLYGON_SHARPNESS = (1.4, 1.7, 2.0, 2.5, 3.0, 4.0)
 CORNER_MISS = 0.001
@@ -153,8 +154,8 @@ def _smooth_curve(mean: Floats, samples: Floats, uncertainty: float) -> Fit:
 
     Of the tolerances 0.12 % to 0.4 % of the diagonal (or a twentieth of the mean's standard error) the first counts
     that some fit keeps everywhere without being rougher than a hand; of those fits the smoothest with the fewest
-    components. A path of many turns is rough by itself: there the smoothest of those that keep the last tolerance
-    counts, with up to 64 components; where none does, the nearest one.
+    components. A path of many turns is rough by itself: there the smoothest of those that keep 0.6 % counts, with up to
+    64 components; where none does, the nearest one.
     """
     limits = [max(tolerance * diagonal(mean), UNCERTAINTY * uncertainty) for tolerance in TOLERANCES]
     fits: list[JudgedFit] = []
@@ -167,11 +168,11 @@ def _smooth_curve(mean: Floats, samples: Floats, uncertainty: float) -> Fit:
         near = [fit for fit in smooth if fit.furthest <= limit]
         if near:
             return min(near, key=lambda fit: (len(fit.handover.centres), -fit.smoothness))
-    for count in LONG_CURVE_COMPONENTS:
-        near = [fit for fit in fits if fit.furthest <= limits[-1]]
+    for count in (0, *LONG_CURVE_COMPONENTS):
+        fits += _curves(mean, samples, (count,) if count else (), CURVE_SHARPNESS)
+        near = [fit for fit in fits if fit.furthest <= LONG_CURVE_TOLERANCE * diagonal(mean)]
         if near:
             return max(near, key=lambda fit: fit.smoothness)
-        fits += _curves(mean, samples, (count,), CURVE_SHARPNESS)
     return min(fits, key=lambda fit: fit.furthest)
 
 

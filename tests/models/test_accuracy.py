@@ -241,3 +241,21 @@ def test_a_shallow_arc_that_all_draw_stays_an_arc() -> None:
     middle = learned.motion.points_at(np.array([0.0, 0.5, 1.0]))
     sagitta = np.sqrt(((middle[1] - 0.5 * (middle[0] + middle[2])) ** 2).sum())
     assert sagitta == pytest.approx(0.06 * (1.0 - np.cos(0.35)), rel=0.3)
+
+
+def test_a_path_of_many_turns_is_followed() -> None:
+    turns = np.linspace(0.0, 1.0, 1500)
+    truth = np.column_stack([0.09 * turns, 0.01 * np.sin(16.0 * np.pi * turns)])
+    generator = np.random.default_rng(4)
+    people = [
+        Demonstration(
+            f"person-{index}",
+            np.linspace(0.0, 8.0, 800),
+            truth[np.linspace(0, 1499, 800).round().astype(int)] + generator.normal(0.0, 0.7e-3, 2),
+            np.ones(800, dtype=bool),
+        )
+        for index in range(5)
+    ]
+    learned = learn(people, compare=False)
+    mean = np.mean([one.points for one in people], axis=0)
+    assert frechet(learned.motion.points_at(np.linspace(0.0, 1.0, 2000)), mean) < 0.6e-3
