@@ -1,6 +1,7 @@
 """Sessions that cannot be guessed, taken over or left behind, and that carry who is asking into every call."""
 
 import asyncio
+import dataclasses
 import logging
 import secrets
 import time
@@ -21,7 +22,7 @@ from opcua_skill.stack.browsing import Browser
 from opcua_skill.stack.calls import Refused
 from opcua_skill.stack.reading import narrowed, size_of, stamped
 from opcua_skill.stack.values import node_id, status
-from opcua_skill.stack.writing import write_fault
+from opcua_skill.stack.writing import value_to_write
 
 if TYPE_CHECKING:
     from opcua_skill.stack.internal import SkillInternalServer
@@ -169,19 +170,22 @@ class Session(InternalSession):
 
     async def _write_one(self, item: ua.WriteValue) -> ua.StatusCode:
         """Write one value; a variable that commands something is obeyed first, or refused with its own code."""
-        if code := write_fault(self.aspace, item):
-            return status(code)
+        value = value_to_write(self.aspace, item)
+        if isinstance(value, int):
+            return status(value)
         if not self.iserver.may_write(item.NodeId, self.identity.role):
             return status(Codes.BadUserAccessDenied)
-        one = ua.WriteParameters()
-        one.NodesToWrite = [item]
         obey = self.iserver.on_write.get(item.NodeId)
         if obey is not None:
+            if item.IndexRange:
+                return status(Codes.BadWriteNotSupported)  # a command is whole: half of one cannot be obeyed
             try:
-                await obey(item.Value.Value.Value if item.Value.Value is not None else None)
+                await obey(value.Value.Value if value.Value is not None else None)
             except Refused as refusal:
                 log.warning("%s refused to write %s: %s", self.caller.name, item.NodeId.to_string(), refusal.reason)
                 return status(refusal.code)
+        one = ua.WriteParameters()
+        one.NodesToWrite = [dataclasses.replace(item, Value=value, IndexRange=None) if item.IndexRange else item]
         return (await super().write(one))[0]
 
     async def history_read(self, params: Any) -> list[ua.HistoryReadResult]:

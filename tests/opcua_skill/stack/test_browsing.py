@@ -88,23 +88,6 @@ async def test_paths_lead_to_nodes(bench: Bench):
             await client.nodes.objects.get_child([f"{bench.index}:Cell", f"{bench.index}:Nothing"])
 
 
-@pytest.mark.parametrize(
-    ("asked", "expected"),
-    [("1", [2.0]), ("1:2", [2.0, 3.0]), ("1:99", [2.0, 3.0, 4.0]), ("7", None), ("2:1", None), ("x", None)],
-)
-async def test_an_index_range_reads_a_part(bench: Bench, asked, expected):
-    node_id = ua.NodeId("Cell/Values", bench.index)
-    if node_id not in bench.server.iserver.aspace:
-        await bench.server.get_node(bench.cell).add_variable(node_id, "Values", [1.0, 2.0, 3.0, 4.0])
-    async with bench.client() as client:
-        params = ua.ReadParameters()
-        params.NodesToRead = [ua.ReadValueId(NodeId=node_id, AttributeId=ua.AttributeIds.Value, IndexRange=asked)]
-        (told,) = await client.uaclient.read(params)
-        assert (told.Value.Value if told.Value is not None else None) == expected
-        if expected is None:
-            assert told.StatusCode.value in {Codes.BadIndexRangeNoData, Codes.BadIndexRangeInvalid}
-
-
 async def test_server_capabilities_and_status_are_filled_in(bench: Bench):
     async with bench.client() as client:
         capabilities = await client.nodes.server.get_child("0:ServerCapabilities")

@@ -18,8 +18,8 @@ def value(content, **more) -> ua.DataValue:
     return ua.DataValue(content if isinstance(content, ua.Variant) else ua.Variant(content), **more)
 
 
-async def write(client: Client, node: ua.NodeId, content: ua.DataValue, attribute: int = 13, part: str = "") -> str:
-    item = ua.WriteValue(NodeId=node, AttributeId=ua.UInt32(attribute), IndexRange=part, Value=content)
+async def write(client: Client, node: ua.NodeId, content: ua.DataValue, attribute: int = 13) -> str:
+    item = ua.WriteValue(NodeId=node, AttributeId=ua.UInt32(attribute), Value=content)
     (code,) = await client.uaclient.write(ua.WriteParameters(NodesToWrite=[item]))
     return code.name
 
@@ -33,8 +33,6 @@ async def write(client: Client, node: ua.NodeId, content: ua.DataValue, attribut
         ("Speed", value([2.5]), {}, "BadTypeMismatch"),
         ("Speed", value(ua.Variant(None, ua.VariantType.Null)), {}, "BadTypeMismatch"),
         ("Speed", value(2.5, StatusCode=ua.StatusCode(ua.StatusCodes.BadOutOfService)), {}, "BadWriteNotSupported"),
-        ("Speed", value(2.5), {"part": "0"}, "BadWriteNotSupported"),
-        ("Speed", value(2.5), {"part": "2:1"}, "BadIndexRangeInvalid"),
         ("Speed", value(ua.LocalizedText("mine")), {"attribute": 4}, "BadNotWritable"),
         ("Speed", value(1), {"attribute": 21}, "BadAttributeIdInvalid"),
         ("ReadOnly", value(2.5), {}, "BadNotWritable"),
