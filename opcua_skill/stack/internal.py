@@ -22,12 +22,13 @@ from opcua_skill.security.trust import TrustList
 from opcua_skill.stack.access import Identity, Role, SignIn
 from opcua_skill.stack.audit import OnSignIn, SignInRecord, certificate_event, claimed, sign_in_event
 from opcua_skill.stack.calls import CheckedMethods
+from opcua_skill.stack.diagnostics import Diagnostics
 from opcua_skill.stack.events import deliver
 from opcua_skill.stack.limits import Limits
 from opcua_skill.stack.sessions import Channel, Session, internal_user
-from opcua_skill.stack.subscriptions import Subscriptions
+from opcua_skill.stack.subscriptions import Subscription, Subscriptions
 from opcua_skill.stack.values import SERVER, status_name
-from opcua_skill.stack.writing import WRITABLE
+from opcua_skill.stack.writing import READABLE, WRITABLE
 
 log = logging.getLogger(__name__)
 
@@ -56,6 +57,8 @@ class SkillInternalServer(InternalServer):
         self.on_sign_in: OnSignIn | None = None
         self.server_uri = security.application_uri
         self.on_session_closed: list[Callable[[str], Awaitable[None]]] = []
+        self.diagnostics = Diagnostics(self)
+        self.readers: dict[ua.NodeId, frozenset[Role]] = {}
         self._write_roles: dict[ua.NodeId, frozenset[Role]] = {}
         self.on_write: dict[ua.NodeId, Callable[[Any], Awaitable[None]]] = {}
         super().__init__(user_manager=_NobodyByDefault())
@@ -118,12 +121,22 @@ class SkillInternalServer(InternalServer):
                 await asyncio.to_thread(self.trust.reject, certificate)
         return getattr(Codes, found.value) if found is not None else Codes.Good
 
+    def client_sessions(self) -> list[Session]:
+        """Return the sessions of clients, signed in or not yet."""
+        return [session for session in self._external_sessions.values() if isinstance(session, Session)]
+
+    def client_subscriptions(self) -> list[Subscription]:
+        """Return the subscriptions of clients; the server's own are not among them."""
+        return [one for one in self.subscription_service.subscriptions.values() if one.pub_request_callback is not None]
+
+    def session_of(self, session_id: ua.NodeId) -> Session | None:
+        """Return an activated session by its id."""
+        return next((s for s in self.client_sessions() if s.session_id == session_id and s.is_activated()), None)
+
     def identity_of(self, session_id: ua.NodeId) -> Identity | None:
         """Return who an activated session belongs to."""
-        for session in self._external_sessions.values():
-            if session.session_id == session_id and isinstance(session, Session) and session.is_activated():
-                return session.identity
-        return None
+        session = self.session_of(session_id)
+        return session.identity if session is not None else None
 
     def is_connected(self, session_id: str) -> bool:
         """Return whether a session has a connection now; one that lost it may still come back for a while."""
@@ -190,11 +203,20 @@ class SkillInternalServer(InternalServer):
         """Return whether a role may write a variable that is writable at all."""
         return role in self._write_roles.get(node_id, Role.OPERATOR.and_above)
 
+    def may_read(self, node_id: ua.NodeId, role: Role) -> bool:
+        """Return whether a role may read a variable: nearly all are for everybody who has signed in."""
+        return role in self.readers.get(node_id, Role.OBSERVER.and_above)
+
     def user_access_level(self, node_id: ua.NodeId, role: Role, told: ua.DataValue) -> ua.DataValue:
-        """Return a UserAccessLevel without the right to write for a role that may not."""
-        if told.Value is None or self.may_write(node_id, role) or not told.Value.Value & WRITABLE:
+        """Return a UserAccessLevel without the rights to read and to write that a role does not have."""
+        if told.Value is None:
             return told
-        return dataclasses.replace(told, Value=ua.Variant(told.Value.Value & ~WRITABLE, ua.VariantType.Byte))
+        taken = 0 if self.may_write(node_id, role) else WRITABLE
+        taken |= 0 if self.may_read(node_id, role) else READABLE
+        level = told.Value.Value & ~taken
+        if level == told.Value.Value:
+            return told
+        return dataclasses.replace(told, Value=ua.Variant(level, ua.VariantType.Byte))
 
 
 def _connected(session: Session) -> bool:

@@ -54,6 +54,10 @@ class Items(MonitoredItemService):
     def __len__(self) -> int:
         return len(self._monitored_items)
 
+    def disabled(self) -> int:
+        """Return how many items are switched off."""
+        return sum(1 for item in self._monitored_items.values() if item.mode == ua.MonitoringMode.Disabled)
+
     def __bool__(self) -> bool:
         return True
 
@@ -82,6 +86,8 @@ class Items(MonitoredItemService):
             if wanted.NodeId not in self.aspace:
                 return Codes.BadNodeIdUnknown
             return event_filter_fault(item.RequestedParameters.Filter, self._limits)
+        if wanted.AttributeId == AttributeIds.Value and not self.isub.may_read(wanted.NodeId):
+            return Codes.BadUserAccessDenied
         encoding = wanted.DataEncoding.Name if wanted.DataEncoding is not None else None
         if encoding and wanted.NodeId in self.aspace:
             now = self.aspace.read_attribute_value(wanted.NodeId, wanted.AttributeId)
@@ -239,6 +245,7 @@ class Items(MonitoredItemService):
             return
         if not item.where_clause_evaluator.eval(event):
             return
+        self.isub.count_event_overflow(mid, item.queue_size)
         fields = ua.EventFieldList()
         fields.ClientHandle = item.client_handle  # pyright: ignore[reportAttributeAccessIssue]
         fields.EventFields = event.to_event_fields(item.filter.SelectClauses)

@@ -142,6 +142,8 @@ class Processor(SessionServices):
     ):
         """Send a response; one the client said it cannot take becomes a fault that says so."""
         response.ResponseHeader.RequestHandle = requesthandle
+        if isinstance(response, ua.ServiceFault):
+            self.iserver.diagnostics.totals.request_refused(response.ResponseHeader.ServiceResult.value)
         body = struct_to_binary(response)
         chunks = len(body) // (self._limits.max_send_buffer - 1024) + 1
         too_large = 0 < self._largest_response < len(body) or 0 < self._most_response_chunks < chunks
@@ -200,7 +202,7 @@ class Processor(SessionServices):
             special = _SPECIAL.get(service)
             if special is not None:
                 return await special(self, header, seqhdr, body)
-            session = self._session_of(header)
+            session = self._session_of(header, service)
             entry = SERVICES.get(service)
             if entry is None:
                 raise ServiceError(Codes.BadServiceUnsupported)
@@ -214,16 +216,23 @@ class Processor(SessionServices):
             self.send_response(header.RequestHandle, seqhdr, response)
             self.spent += decoded - begun + time.perf_counter() - answered
         except (ServiceError, UaStatusCodeError) as error:
-            self._fault(header.RequestHandle, seqhdr, int(error.code))
+            self._refuse(service, header, seqhdr, int(error.code))
         except InvalidSignature:
-            self._fault(header.RequestHandle, seqhdr, Codes.BadApplicationSignatureInvalid)
+            self._refuse(service, header, seqhdr, Codes.BadApplicationSignatureInvalid)
         except Exception:
             fault = secrets.token_hex(4)
             log.exception("fault %s in a request of %s", fault, self.name)
-            self._fault(header.RequestHandle, seqhdr, Codes.BadInternalError)
+            self._refuse(service, header, seqhdr, Codes.BadInternalError)
         return None
 
-    def _session_of(self, header: Any) -> Session:
+    def _refuse(self, service: Any, header: Any, seqhdr: Any, code: int) -> None:
+        """Answer a request with a fault, and count it."""
+        self.iserver.diagnostics.totals.session_refused(service, code)
+        if self.session is not None and header.AuthenticationToken == self.session.auth_token:
+            self.session.counts.refused(service, code)
+        self._fault(header.RequestHandle, seqhdr, code)
+
+    def _session_of(self, header: Any, service: Any) -> Session:
         """Return the activated session a request speaks for: this connection's own, by its token."""
         session = self.session
         if session is None or header.AuthenticationToken != session.auth_token:
@@ -233,11 +242,12 @@ class Processor(SessionServices):
         if session.state is not SessionState.Activated:
             raise ServiceError(Codes.BadSessionNotActivated)
         session.touch()
+        session.counts.requests[service] += 1
         return session
 
     async def _publish(self, header: Any, seqhdr: Any, body: Buffer) -> None:
         """Keep a publish request until one of the session's subscriptions has something to say."""
-        session = self._session_of(header)
+        session = self._session_of(header, _PUBLISH)
         params = decode(ua.PublishParameters, body)
         subscriptions, results = session.publish(params.SubscriptionAcknowledgements)
         request = PublishRequestData(requesthdr=header, seqhdr=seqhdr, results=results)
@@ -266,6 +276,11 @@ class Processor(SessionServices):
     async def _close_channel(self, header: Any, seqhdr: Any, body: Buffer) -> int:
         self._connection.close()
         return CLOSE
+
+    def _evict_publish_request(self) -> None:
+        super()._evict_publish_request()
+        if self.session is not None:
+            self.session.counts.refused(_PUBLISH, Codes.BadTooManyPublishRequests)
 
     def publish_request_limit(self, subscription_count: int) -> int:
         """Return how many publish requests are kept for this connection."""

@@ -133,6 +133,7 @@ class SkillServer(Server):
         await self.load_certificate(self.certificate.certificate_file)
         await self.load_private_key(self.certificate.key_file)
         await tell(self.iserver, capabilities(self.stack_limits, self.security))
+        await self.iserver.diagnostics.offer()
         now, release = datetime.now(UTC), product_version()
         await self.set_build_info(self.product_uri, self.manufacturer_name, self.name, release, release, now)
 
@@ -150,6 +151,7 @@ class SkillServer(Server):
         except BaseException:
             await self.iserver.stop()
             raise
+        self.iserver.diagnostics.start()
         self._tell_real_port()
         log.info("listening on %s", self.url)
         for url in self.security.discovery_servers:
@@ -161,6 +163,7 @@ class SkillServer(Server):
         """Close every connection and stop; calls that are still changing something get a moment to end."""
         for registration in self._registrations:
             await registration.stop()
+        await self.iserver.diagnostics.stop()
         await self.iserver.method_service.drain(5.0)
         await super().stop()
 

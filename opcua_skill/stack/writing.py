@@ -11,6 +11,7 @@ from asyncua.ua.status_codes import StatusCodes as Codes
 from opcua_skill.stack.arguments import builtin_types
 from opcua_skill.stack.index_ranges import index_range, with_part
 
+READABLE = 1 << ua.AccessLevel.CurrentRead
 WRITABLE = 1 << ua.AccessLevel.CurrentWrite
 _NULLABLE = frozenset({12, 15, 16, 22})  # String, ByteString, XmlElement, ExtensionObject
 
