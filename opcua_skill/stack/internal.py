@@ -152,6 +152,8 @@ class SkillInternalServer(InternalServer):
         owner = next(sessions, None)
         if not isinstance(owner, Session) or owner.channel is None or to.channel is None:
             return Codes.BadUserAccessDenied
+        if owner is not to and self.subscription_service.full(to.session_id):
+            return Codes.BadTooManySubscriptions
         same = owner.is_activated() and owner.identity == to.identity and owner.channel.same_client(to.channel)
         return Codes.Good if same and to.identity.name else Codes.BadUserAccessDenied
 

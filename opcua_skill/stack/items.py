@@ -198,11 +198,6 @@ class Items(MonitoredItemService):
         if place is not None and node is not None and place[1] in node.attributes:
             node.attributes[place[1]].datachange_callbacks.pop(handle, None)
 
-    def delete_all_monitored_items(self) -> None:
-        """Delete every item."""
-        for mid in list(self._monitored_items):
-            self._delete_monitored_items(mid)
-
     def datachange_callback(  # pyright: ignore[reportIncompatibleMethodOverride]
         self, handle: int, value: ua.DataValue | None, error: ua.StatusCode | None = None
     ) -> Awaitable[None]:

@@ -282,10 +282,6 @@ class Processor(SessionServices):
         if self.session is not None:
             self.session.counts.refused(_PUBLISH, Codes.BadTooManyPublishRequests)
 
-    def publish_request_limit(self, subscription_count: int) -> int:
-        """Return how many publish requests are kept for this connection."""
-        return min(subscription_count + 10, self.iserver.limits.publish_requests)
-
     async def close(self) -> None:
         """Drop what hangs on the connection. A session with subscriptions lives on until its timeout."""
         self._publish_requests.clear()

@@ -184,10 +184,13 @@ class Subscriptions(SubscriptionService):
 
     def admit(self, session_id: ua.NodeId) -> None:
         """Refuse one more subscription when a session, or the server, has as many as it may."""
-        limits = self.iserver.limits
-        own = sum(1 for subscription in self.subscriptions.values() if subscription.session_id == session_id)
-        if own >= limits.subscriptions_per_session or len(self.subscriptions) >= limits.subscriptions:
+        if self.full(session_id) or len(self.subscriptions) >= self.iserver.limits.subscriptions:
             raise ServiceError(Codes.BadTooManySubscriptions)
+
+    def full(self, session_id: ua.NodeId) -> bool:
+        """Return whether a session has as many subscriptions as it may."""
+        own = sum(1 for subscription in self.subscriptions.values() if subscription.session_id == session_id)
+        return own >= self.iserver.limits.subscriptions_per_session
 
     def admit_items(self, subscription_id: int, count: int) -> None:
         """Refuse more items than a subscription, or the server, may have."""

@@ -2,7 +2,6 @@
 
 import pytest
 from asyncua import Client, ua
-from asyncua.server.internal_session import InternalSession
 
 from tests.opcua_skill.stack.small_server import Bench
 
@@ -114,8 +113,3 @@ async def test_services_the_server_does_not_have_are_unsupported(bench: Bench):
             await client.nodes.objects.add_object(bench.index, "Mine")
         with pytest.raises(ua.uaerrors.BadServiceUnsupported):
             await client.get_node(bench.cell).delete()
-
-
-async def test_stock_asyncua_still_lacks_browse_next(bench: Bench):
-    with pytest.raises(NotImplementedError):
-        await InternalSession.browse_next(bench.server.iserver.isession, ua.BrowseNextParameters())
