@@ -20,7 +20,16 @@ from opcua_skill.security.chains import CertificateFault, Known, fault
 from opcua_skill.security.settings import SecuritySettings
 from opcua_skill.security.trust import TrustList
 from opcua_skill.stack.access import Identity, Role, SignIn
-from opcua_skill.stack.audit import OnSignIn, SignInRecord, certificate_event, claimed, sign_in_event
+from opcua_skill.stack.audit import (
+    OnSignIn,
+    OnWrite,
+    SignInRecord,
+    WriteRecord,
+    certificate_event,
+    claimed,
+    sign_in_event,
+    write_event,
+)
 from opcua_skill.stack.calls import CheckedMethods
 from opcua_skill.stack.diagnostics import Diagnostics
 from opcua_skill.stack.events import deliver
@@ -55,6 +64,7 @@ class SkillInternalServer(InternalServer):
         self.no_encryption = security.insecure_no_encryption
         self.trust = None if security.insecure_trust_every_client else TrustList(security.folder)
         self.on_sign_in: OnSignIn | None = None
+        self.on_written: OnWrite | None = None
         self.server_uri = security.application_uri
         self.on_session_closed: list[Callable[[str], Awaitable[None]]] = []
         self.diagnostics = Diagnostics(self)
@@ -188,6 +198,15 @@ class SkillInternalServer(InternalServer):
             except Exception:
                 log.exception("fault %s: a sign-in was not recorded", secrets.token_hex(4))
         await deliver(self, SERVER, sign_in_event(record, self.server_uri))
+
+    async def written(self, record: WriteRecord) -> None:
+        """Record a write that commands something, then tell it as an audit event."""
+        if self.on_written is not None:
+            try:
+                await self.on_written(record)
+            except Exception:
+                log.exception("fault %s: a write was not recorded", secrets.token_hex(4))
+        await deliver(self, record.node_id, write_event(record, self.server_uri))
 
     async def session_closed(self, session: Session) -> None:
         """Tell those who hold something for a session that it is over. One that fails does not silence the others."""

@@ -5,6 +5,7 @@ import dataclasses
 import logging
 import secrets
 import time
+from collections.abc import Awaitable, Callable
 from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -17,7 +18,7 @@ from asyncua.ua.attribute_ids import AttributeIds
 from asyncua.ua.status_codes import StatusCodes as Codes
 
 from opcua_skill.stack.access import Caller, Identity, Peer, Role, SignedIn, calling_as
-from opcua_skill.stack.audit import claimed
+from opcua_skill.stack.audit import WriteRecord, claimed
 from opcua_skill.stack.browsing import Browser
 from opcua_skill.stack.calls import Refused
 from opcua_skill.stack.counting import SessionCounts, short
@@ -178,17 +179,36 @@ class Session(SubscribingSession):
         value = value_to_write(self.aspace, item)
         if isinstance(value, int):
             return status(value)
-        if not self.iserver.may_write(item.NodeId, self.identity.role):
-            return status(Codes.BadUserAccessDenied)
         obey = self.iserver.on_write.get(item.NodeId)
+        if not self.iserver.may_write(item.NodeId, self.identity.role):
+            if obey is not None:
+                await self._recorded(item, Codes.BadUserAccessDenied, f"the role {self.caller.role} may not write it")
+            return status(Codes.BadUserAccessDenied)
         if obey is not None:
             if item.IndexRange:
                 return status(Codes.BadWriteNotSupported)  # a command is whole: half of one cannot be obeyed
-            try:
-                await obey(value.Value.Value if value.Value is not None else None)
-            except Refused as refusal:
-                log.warning("%s refused to write %s: %s", self.caller.name, item.NodeId.to_string(), refusal.reason)
-                return status(refusal.code)
+            return await self._command(obey, item)
+        return await self._store(item, value)
+
+    async def _command(self, obey: Callable[[Any], Awaitable[None]], item: ua.WriteValue) -> ua.StatusCode:
+        """Carry out what a variable commands, then write it; what was commanded is recorded, and a refusal too."""
+        old = self.aspace.read_attribute_value(item.NodeId, AttributeIds.Value).Value
+        try:
+            await obey(item.Value.Value.Value if item.Value.Value is not None else None)
+        except Refused as refusal:
+            await self._recorded(item, refusal.code, refusal.reason, old)
+            return status(refusal.code)
+        done = await self._store(item, item.Value)
+        await self._recorded(item, done.value, "", old)
+        return done
+
+    async def _recorded(self, item: ua.WriteValue, code: int, reason: str, old: ua.Variant | None = None) -> None:
+        if reason:
+            log.warning("%s refused to write %s: %s", self.caller.name, item.NodeId.to_string(), reason)
+        new = item.Value.Value or ua.Variant()
+        await self.iserver.written(WriteRecord(self.caller, item.NodeId, old, new, code, reason))
+
+    async def _store(self, item: ua.WriteValue, value: ua.DataValue) -> ua.StatusCode:
         one = ua.WriteParameters()
         one.NodesToWrite = [dataclasses.replace(item, Value=value, IndexRange=None) if item.IndexRange else item]
         return (await super().write(one))[0]
