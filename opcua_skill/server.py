@@ -130,7 +130,8 @@ class SkillServerApp:
         )
         methods = LibraryMethods(self.library, self.jobs, settings, self._tidings)
         self._methods = methods
-        await add_library(self._tree, methods, settings.limits, self.server.stack_limits.largest_message)
+        largest = self.server.stack_limits.largest_message
+        await add_library(self._tree, methods, settings.limits, largest, self.insecure)
         await add_edits(self._tree, EditMethods(self.library, self.jobs, settings))
         await add_audit(self._tree, AuditMethods(self.library))
         await self.jobs.start()

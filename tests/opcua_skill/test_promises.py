@@ -13,7 +13,7 @@ from library.store import SkillLibrary
 from opcua_skill.health import Health
 from opcua_skill.security import TrustList, ensure_client_certificate, hash_password
 from opcua_skill.server import SkillServerApp
-from opcua_skill.settings import Settings, Workstation
+from opcua_skill.settings import Security, Settings, Workstation
 from opcua_skill.stack.access import Role
 from sim.arms import load
 from sim.kinematic_arm import KinematicArm
@@ -67,8 +67,9 @@ async def app(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[SkillSe
 async def signed_in(app: SkillServerApp, role: str) -> AsyncIterator[Client]:
     own, client = ensure_client_certificate(app.settings.data / "client", URI), Client(app.endpoint, timeout=30)
     client.application_uri = URI
-    client.set_user(role)
-    client.set_password(PASSWORD)
+    if role:
+        client.set_user(role)
+        client.set_password(PASSWORD)
     await client.set_security(SecurityPolicyBasic256Sha256, str(own.certificate_file), str(own.key_file))
     async with client:
         yield client
@@ -167,6 +168,26 @@ async def test_a_library_that_does_not_answer_is_a_fault_until_it_does():
         while health.faults:
             await asyncio.sleep(0.01)
     await health.stop()
+
+
+async def test_a_server_that_protects_less_says_so_to_every_client(app: SkillServerApp, tmp_path_factory):
+    async with signed_in(app, "observer") as client:
+        assert not await client.get_node(await at(client, "SkillLibrary/Insecure")).read_value()
+    data = tmp_path_factory.mktemp("weak")
+    weak = Settings(
+        data=data,
+        endpoint="opc.tcp://127.0.0.1:0",
+        workstations=(Workstation(driver="kinematic"),),
+        security=Security(allow_anonymous=True),
+    )
+    own = ensure_client_certificate(data / "client", URI)
+    TrustList(data / "certificates").trust(own.certificate_file)
+    async with (
+        SkillServerApp(weak, lambda *_: KinematicArm(load("panda"), realtime=False)) as running,
+        signed_in(running, "") as client,
+    ):
+        told = await client.get_node(await at(client, "SkillLibrary/Insecure")).read_value()
+    assert told == list(running.insecure) == ["anonymous sessions are accepted, as observers"]
 
 
 async def test_who_is_connected_is_told_that_the_server_stops(app: SkillServerApp):
