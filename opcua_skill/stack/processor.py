@@ -33,6 +33,7 @@ HEAVY_SECONDS, LONGEST_PAUSE = 0.02, 0.25
 CLOSE = 0
 LONGEST_AUDIT_ENTRY_ID = 200
 CHUNK_TOLERANCE = 1024
+UNKNOWN_SERVICE = 0
 LIFETIME_MS = (10_000, 3_600_000)
 _CALL = Ids.CallRequest_Encoding_DefaultBinary
 _PUBLISH = Ids.PublishRequest_Encoding_DefaultBinary
@@ -202,8 +203,9 @@ class Processor(SessionServices):
             special = _SPECIAL.get(service)
             if special is not None:
                 return await special(self, header, seqhdr, body)
-            session = self._session_of(header, service)
+            session = self._session_of(header)
             entry = SERVICES.get(service)
+            session.counts.requests[service if entry is not None else UNKNOWN_SERVICE] += 1
             if entry is None:
                 raise ServiceError(Codes.BadServiceUnsupported)
             kind, answer = entry
@@ -229,10 +231,11 @@ class Processor(SessionServices):
         """Answer a request with a fault, and count it."""
         self.iserver.diagnostics.totals.session_refused(service, code)
         if self.session is not None and header.AuthenticationToken == self.session.auth_token:
-            self.session.counts.refused(service, code)
+            known = service in SERVICES or service in _SPECIAL  # a peer must not fill memory with names of its own
+            self.session.counts.refused(service if known else UNKNOWN_SERVICE, code)
         self._fault(header.RequestHandle, seqhdr, code)
 
-    def _session_of(self, header: Any, service: Any) -> Session:
+    def _session_of(self, header: Any) -> Session:
         """Return the activated session a request speaks for: this connection's own, by its token."""
         session = self.session
         if session is None or header.AuthenticationToken != session.auth_token:
@@ -242,12 +245,12 @@ class Processor(SessionServices):
         if session.state is not SessionState.Activated:
             raise ServiceError(Codes.BadSessionNotActivated)
         session.touch()
-        session.counts.requests[service] += 1
         return session
 
     async def _publish(self, header: Any, seqhdr: Any, body: Buffer) -> None:
         """Keep a publish request until one of the session's subscriptions has something to say."""
-        session = self._session_of(header, _PUBLISH)
+        session = self._session_of(header)
+        session.counts.requests[_PUBLISH] += 1
         params = decode(ua.PublishParameters, body)
         subscriptions, results = session.publish(params.SubscriptionAcknowledgements)
         request = PublishRequestData(requesthdr=header, seqhdr=seqhdr, results=results)

@@ -221,6 +221,18 @@ async def test_there_are_no_fixed_sampling_intervals_to_tell_of(bench: Bench):
         assert SAMPLING not in bench.server.iserver.aspace
 
 
+async def test_requests_of_no_service_are_counted_together(bench: Bench):
+    async with bench.client("teacher") as client:
+        for number in (70_001, 70_002, 70_003):
+            request = ua.ReadRequest()
+            request.TypeId = ua.NodeId(number)
+            with pytest.raises(ua.uaerrors.BadServiceUnsupported):
+                await client.uaclient.protocol.send_request(request)
+        (session,) = [s for s in bench.server.iserver.client_sessions() if s.identity.name == "teacher"]
+        assert session.counts.requests[0] == session.counts.errors[0] == 3
+        assert not {70_001, 70_002, 70_003} & (session.counts.requests.keys() | session.counts.errors.keys())
+
+
 async def test_long_names_of_clients_are_cut(bench: Bench):
     client = await bench.new_client("teacher")
     client.name = "x" * 20_000
