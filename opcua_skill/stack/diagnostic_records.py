@@ -2,7 +2,7 @@
 
 import struct
 from datetime import UTC, datetime, timedelta
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from asyncua import ua
 from asyncua.ua.object_ids import ObjectIds as Ids
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from opcua_skill.stack.sessions import Session
     from opcua_skill.stack.subscriptions import Subscription
 
+_Record = TypeVar("_Record")
 MECHANISMS = {"password": "UserName", "certificate": "X509", "anonymous": "Anonymous"}
 _COUNTED = {
     field: getattr(Ids, request)
@@ -27,9 +28,9 @@ _SECURITY = node_id(Ids.SessionSecurityDiagnosticsDataType_Encoding_DefaultBinar
 
 def summary(iserver: "SkillInternalServer", totals: Totals) -> ua.ServerDiagnosticsSummaryDataType:
     """Return the figures of the whole server."""
-    subscriptions, told = iserver.client_subscriptions(), ua.ServerDiagnosticsSummaryDataType()
-    _fill(
-        told,
+    subscriptions = iserver.client_subscriptions()
+    return _made(
+        ua.ServerDiagnosticsSummaryDataType,
         CurrentSessionCount=len(iserver.client_sessions()),
         CumulatedSessionCount=totals.sessions,
         SecurityRejectedSessionCount=totals.sessions_rejected_for_security,
@@ -42,7 +43,6 @@ def summary(iserver: "SkillInternalServer", totals: Totals) -> ua.ServerDiagnost
         SecurityRejectedRequestsCount=totals.requests_rejected_for_security,
         RejectedRequestsCount=totals.requests_rejected,
     )
-    return told
 
 
 def session_records(iserver: "SkillInternalServer", sessions: "list[Session]") -> list[ua.SessionDiagnosticsDataType]:
@@ -54,9 +54,11 @@ def session_records(iserver: "SkillInternalServer", sessions: "list[Session]") -
 
 
 def _session_record(session: "Session", own: "list[Subscription]") -> ua.SessionDiagnosticsDataType:
-    counts, told = session.counts, ua.SessionDiagnosticsDataType()
-    _fill(
-        told,
+    counts = session.counts
+    asked, failed = counts.requests, counts.errors
+    by_service = {name: _counter(asked.get(one, 0), failed.get(one, 0)) for name, one in _COUNTED.items()}
+    return _made(
+        ua.SessionDiagnosticsDataType,
         SessionId=session.session_id,
         SessionName=counts.name,
         ClientDescription=counts.client,
@@ -70,20 +72,17 @@ def _session_record(session: "Session", own: "list[Subscription]") -> ua.Session
         CurrentSubscriptionsCount=len(own),
         CurrentMonitoredItemsCount=sum(len(one.monitored_item_srv) for one in own),
         CurrentPublishRequestsInQueue=len(session.processor._publish_requests) if session.processor else 0,
-        TotalRequestCount=_counter(sum(counts.requests.values()), sum(counts.errors.values())),
+        TotalRequestCount=_counter(sum(asked.values()), sum(failed.values())),
         UnauthorizedRequestCount=counts.unauthorized,
+        **by_service,
     )
-    for name, service in _COUNTED.items():
-        setattr(told, name, _counter(counts.requests.get(service, 0), counts.errors.get(service, 0)))
-    return told
 
 
 def subscription_record(subscription: "Subscription") -> ua.SubscriptionDiagnosticsDataType:
     """Return the figures of one subscription."""
-    counts, data, told = subscription.counts, subscription.data, ua.SubscriptionDiagnosticsDataType()
-    items = subscription.monitored_item_srv
-    _fill(
-        told,
+    counts, data, items = subscription.counts, subscription.data, subscription.monitored_item_srv
+    return _made(
+        ua.SubscriptionDiagnosticsDataType,
         SessionId=subscription.session_id,
         SubscriptionId=data.SubscriptionId,
         PublishingInterval=data.RevisedPublishingInterval,
@@ -113,7 +112,6 @@ def subscription_record(subscription: "Subscription") -> ua.SubscriptionDiagnost
         NextSequenceNumber=subscription._notification_seq,
         EventQueueOverflowCount=counts.event_overflows,
     )
-    return told
 
 
 def security_record(session: "Session") -> ua.ExtensionObject:
@@ -138,12 +136,13 @@ def security_record(session: "Session") -> ua.ExtensionObject:
 
 
 def _counter(total: int, errors: int) -> ua.ServiceCounterDataType:
-    counter = ua.ServiceCounterDataType()
-    _fill(counter, TotalCount=total, ErrorCount=errors)
-    return counter
+    """Return a counter; that of a service nobody has asked for is one and the same, since most are."""
+    return _made(ua.ServiceCounterDataType, TotalCount=total, ErrorCount=errors) if total or errors else _NEVER
 
 
-def _fill(record: Any, **values: Any) -> None:
-    """Set fields by name; asyncua's classes declare them with types of their own that plain values do not have."""
-    for name, value in values.items():
-        setattr(record, name, value)
+def _made(kind: type[_Record], **values: Any) -> _Record:
+    """Return a structure; asyncua's classes declare their fields with types of their own that plain values lack."""
+    return cast(Any, kind)(**values)
+
+
+_NEVER = ua.ServiceCounterDataType()
