@@ -12,6 +12,7 @@ from library.description import AuditEntry, JobReport, SkillDescription
 from library.errors import Damaged
 from library.store import SkillLibrary
 from opcua_skill.arm_lock import ArmLock, LockedByAnother
+from opcua_skill.health import Health
 from opcua_skill.jobs import ArmFactory, JobEngine, Station, ready_to_move
 from opcua_skill.methods.audit import AuditMethods
 from opcua_skill.methods.edits import EditMethods
@@ -33,7 +34,7 @@ from opcua_skill.nodes.workstation import add_workstation
 from opcua_skill.security import Authenticator, SecuritySettings
 from opcua_skill.settings import Settings
 from opcua_skill.stack.access import caller
-from opcua_skill.stack.audit import SignInRecord
+from opcua_skill.stack.audit import SignInRecord, WriteRecord
 from opcua_skill.stack.calls import CallRecord, Refused
 from opcua_skill.stack.server import SkillServer
 from opcua_skill.tidings import Tidings
@@ -68,12 +69,13 @@ class SkillServerApp:
         self._arm_factory = arm_factory
         self._models: Mapping[str, ArmModel] = {one.name: load(one.arm) for one in settings.workstations}
         self._faces: dict[str, _Face] = {}
-        self._waiting: list[str] = []
+        self._faults: list[str] = []
         self._showing: asyncio.Task[None] | None = None
         self.library: SkillLibrary
         self.jobs: JobEngine
         self.server: SkillServer
         self._authenticator: Authenticator
+        self._health: Health
         self._tree: Tree
         self._methods: LibraryMethods
         self._tidings: Tidings
@@ -101,6 +103,7 @@ class SkillServerApp:
         settings.data.mkdir(parents=True, exist_ok=True, mode=0o700)
         self.library = await SkillLibrary.open(settings.database_address)
         self._authenticator = Authenticator(self.library)
+        self._health = Health(self.library)
         security = SecuritySettings(
             folder=settings.data / "certificates",
             endpoint=settings.endpoint,
@@ -111,7 +114,13 @@ class SkillServerApp:
             insecure_anonymous=settings.security.allow_anonymous,
             insecure_trust_every_client=settings.security.trust_all_clients,
         )
-        self.server = SkillServer(self._authenticator, security, on_call=self._record, on_sign_in=self._record_sign_in)
+        self.server = SkillServer(
+            self._authenticator,
+            security,
+            on_call=self._record,
+            on_sign_in=self._record_sign_in,
+            on_written=self._record_write,
+        )
         await self.server.init()
         self._tree = await Tree.on(self.server)
         await add_types(self._tree)
@@ -121,7 +130,8 @@ class SkillServerApp:
         )
         methods = LibraryMethods(self.library, self.jobs, settings, self._tidings)
         self._methods = methods
-        await add_library(self._tree, methods, settings.limits, self.server.stack_limits.largest_message)
+        largest = self.server.stack_limits.largest_message
+        await add_library(self._tree, methods, settings.limits, largest, self.insecure)
         await add_edits(self._tree, EditMethods(self.library, self.jobs, settings))
         await add_audit(self._tree, AuditMethods(self.library))
         await self.jobs.start()
@@ -130,6 +140,7 @@ class SkillServerApp:
         self._tidings.on_deployment.append(self._deployment_changed)
         self.server.iserver.on_session_closed.append(self._session_closed)
         await self.server.start()
+        self._health.start()
         self._showing = asyncio.create_task(self._show_state(), name="show state of arms")
 
     async def stop(self) -> None:
@@ -137,6 +148,7 @@ class SkillServerApp:
         if self._showing is not None:
             self._showing.cancel()
             await asyncio.gather(self._showing, return_exceptions=True)
+        await self._health.stop()
         await self.jobs.stop()
         await self.server.stop()
         self._authenticator.close()
@@ -185,9 +197,17 @@ class SkillServerApp:
                     _log.exception("%s is not shown on %s", one.name, workstation)
             more = bool(after)
 
+    async def _audit(self, entry: AuditEntry) -> None:
+        try:
+            await self.library.audit(entry)
+        except Exception:
+            self._health.recorded(False)
+            raise
+        self._health.recorded(True)
+
     async def _record(self, record: CallRecord) -> None:
         """Write a call into the audit trail; the stack raises the audit event afterwards."""
-        await self.library.audit(
+        await self._audit(
             AuditEntry(
                 actor=record.caller.name,
                 role=record.caller.role.value,
@@ -201,7 +221,7 @@ class SkillServerApp:
 
     async def _record_sign_in(self, record: SignInRecord) -> None:
         """Write a sign-in, let in or not, into the audit trail."""
-        await self.library.audit(
+        await self._audit(
             AuditEntry(
                 actor=record.user,
                 role=record.role,
@@ -209,6 +229,20 @@ class SkillServerApp:
                 target=record.peer,
                 arguments={"kind": record.kind},
                 status=record.status_name,
+            )
+        )
+
+    async def _record_write(self, record: WriteRecord) -> None:
+        """Write what a variable was told to do, and whether it was, into the audit trail."""
+        await self._audit(
+            AuditEntry(
+                actor=record.caller.name,
+                role=record.caller.role.value,
+                action="Write",
+                target=record.node_id.to_string(),
+                arguments={"Value": audit_value(record.new.Value)},
+                status=record.status_name,
+                reason=record.reason,
             )
         )
 
@@ -245,14 +279,14 @@ class SkillServerApp:
             await asyncio.sleep(SHOW_STATE_EVERY)
 
     async def _show_service_level(self) -> None:
-        """Tell clients when an arm waits for a reset: the server serves, but not as it should."""
+        """Tell clients when an arm waits for a reset, or the library is in trouble: the server serves, but not well."""
         waiting = [name for name, face in self._faces.items() if not ready_to_move(face.station.arm.state())]
-        if waiting == self._waiting:
+        faults = [*self._health.faults, *(f"{name} waits for a reset" for name in waiting)]
+        if faults == self._faults:
             return
-        self._waiting = waiting
-        level = DEGRADED if waiting else HEALTHY
-        because = f"waiting for a reset: {', '.join(waiting)}" if waiting else "every arm is ready"
-        await self.server.set_service_level(level, because=because)
+        self._faults = faults
+        level = DEGRADED if faults else HEALTHY
+        await self.server.set_service_level(level, because="; ".join(faults) or "every arm is ready")
 
     async def _show_arm(self, name: str, face: _Face) -> None:
         state, before, path = face.station.arm.state(), face.shown, f"Machines/{name}/Arm"

@@ -125,6 +125,8 @@ class Plant:
         finally:
             self._finish(process)
         assert status == 0, f"the server ended with {status}:\n{self.log()}"
+        assert PASSWORD not in self.log(), "a password has reached the log"
+        assert "PRIVATE KEY" not in self.log(), "a key has reached the log"
 
     def kill(self) -> None:
         """Kill -9 the server's own process, and only that one."""

@@ -66,6 +66,11 @@ class SkillClient:
         """Return the names of the server's workstations."""
         return await self.session.children("Machines")
 
+    async def insecure(self) -> tuple[str, ...]:
+        """Return in words what the server's configuration weakens; empty for a server as it comes."""
+        (told,) = await self.session.read(f"{LIBRARY}/Insecure")
+        return tuple(str(words) for words in told or ())
+
     async def limits(self) -> Limits:
         """Return what one call may bring."""
         names = ("MaxDemonstrations", "MaxPointsPerDemonstration", "MaxQueuedJobs", "MaxMessageSize")

@@ -1,12 +1,12 @@
 """The face of the skill library: `SkillLibrary`, its methods and its limits."""
 
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Sequence
 from typing import Any
 
 from asyncua.ua.object_ids import ObjectIds
 
 from opcua_skill.methods.library import LibraryMethods
-from opcua_skill.nodes.tree import Tree, count, standard
+from opcua_skill.nodes.tree import Tree, count, standard, texts
 from opcua_skill.nodes.types import BOOLEAN, BYTE, BYTE_STRING, DOUBLE, STATUS_CODE, STRING, UINT32
 from opcua_skill.settings import Limits
 from opcua_skill.stack.access import Role
@@ -165,8 +165,13 @@ def specs(tree: Tree, methods: LibraryMethods) -> tuple[MethodSpec, ...]:
     )
 
 
-async def add_library(tree: Tree, methods: LibraryMethods, limits: Limits, largest_message: int) -> None:
-    """Add the library to the Objects folder; ``largest_message`` is what the server takes in one call, in bytes."""
+async def add_library(
+    tree: Tree, methods: LibraryMethods, limits: Limits, largest_message: int, insecure: Sequence[str] = ()
+) -> None:
+    """Add the library to the Objects folder.
+
+    ``largest_message`` is what the server takes in one call, in bytes; ``insecure`` what its configuration weakens.
+    """
     library = tree.object(
         PATH,
         standard(ObjectIds.ObjectsFolder),
@@ -186,3 +191,4 @@ async def add_library(tree: Tree, methods: LibraryMethods, limits: Limits, large
         ("MaxMessageSize", largest_message),
     ):
         tree.property(f"{PATH}/Limits/{name}", bounds, count(value))
+    tree.property(f"{PATH}/Insecure", library, texts(insecure), description="what the configuration weakens, in words")

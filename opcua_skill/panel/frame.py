@@ -183,6 +183,9 @@ def _banners(frame: Frame) -> None:
     with ui.element("div").classes("banner banner-bad").props('data-mark="lost"') as lost:
         ui.label(words(LOST)).classes("banner-main")
         why = ui.label().classes("banner-why")
+    with ui.element("div").classes("banner banner-bad").props('data-mark="insecure"') as insecure:
+        ui.label(words("This server protects less than it should. Whoever runs it has configured that:"))
+        weakened = ui.label().classes("banner-main")
     with ui.element("div").classes("banner banner-good").props('data-mark="recovered"') as back:
         back_text = ui.label()
     with ui.element("div").classes("banner banner-bad").props('data-mark="stop-told"') as told:
@@ -197,6 +200,8 @@ def _banners(frame: Frame) -> None:
 
     def show() -> None:
         lost.set_visibility(not session.connected)
+        weakened.text = "; ".join(session.insecure)
+        insecure.set_visibility(bool(session.insecure))
         why.text = session.why_not
         if session.times_recovered != seen["recovered"]:
             seen["recovered"], seen["at"] = session.times_recovered, datetime.now().timestamp()

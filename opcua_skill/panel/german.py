@@ -32,6 +32,9 @@ GERMAN: dict[str, str] = {
         "Keine Verbindung zum Server. Die Anzeige ist veraltet, und „Bewegung stoppen“ erreicht den Arm nicht: "
         "Not-Halt der Maschine benutzen."
     ),
+    "This server protects less than it should. Whoever runs it has configured that:": (
+        "Dieser Server schützt weniger, als er sollte. So hat ihn sein Betreiber eingerichtet:"
+    ),
     "The connection is back since": "Die Verbindung besteht wieder seit",
     "What you see is true again.": "Die Anzeige stimmt wieder.",
     "at rest": "in Ruhe",

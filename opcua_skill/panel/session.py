@@ -96,6 +96,7 @@ class PanelSession:
     station_name: str = ""
     stations: dict[str, Station] = field(default_factory=dict)
     rights: frozenset[str] = frozenset()
+    insecure: tuple[str, ...] = ()
     happenings: deque[Happening] = field(default_factory=lambda: deque(maxlen=KEPT_HAPPENINGS))
     times_recovered: int = 0
     kept: dict[object, object] = field(default_factory=dict)
@@ -175,6 +176,7 @@ class PanelSession:
             self._work, self._watch = opened
             names = await self._watch.workstations()
             await self._read_rights(names)
+            self.insecure = await self._watch.insecure()
         except BaseException as error:
             self._work = self._watch = None
             for client in opened:

@@ -2,15 +2,17 @@
 
 import base64
 from collections.abc import Awaitable, Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Any
 
 from asyncua import ua
 from asyncua.common import event_objects
 from asyncua.common.events import Event
+from asyncua.ua.attribute_ids import AttributeIds
 from asyncua.ua.status_codes import StatusCodes as Codes
 
+from opcua_skill.stack.access import Caller, audit_entry_id
 from opcua_skill.stack.values import SERVER, node_id, status, status_name
 
 
@@ -36,6 +38,25 @@ class SignInRecord:
         return status_name(self.status)
 
 
+@dataclass(frozen=True, slots=True)
+class WriteRecord:
+    """A client's write to a variable that commands something, and how it ended; ``old`` is what the variable held."""
+
+    caller: Caller
+    node_id: ua.NodeId
+    old: ua.Variant | None
+    new: ua.Variant
+    status: int
+    reason: str
+    client_audit_entry_id: str = field(default_factory=audit_entry_id.get)
+
+    @property
+    def status_name(self) -> str:
+        """Return the status code in words."""
+        return status_name(self.status)
+
+
+OnWrite = Callable[[WriteRecord], Awaitable[None]]
 OnSignIn = Callable[[SignInRecord], Awaitable[None]]
 
 
@@ -55,6 +76,21 @@ def sign_in_event(record: SignInRecord, server_uri: str) -> Event:
     message = f"sign-in of {who} from {record.peer}: {'done' if record.good else record.status_name}"
     _fill(event, message, "Session/ActivateSession", server_uri, record.status, record.user)
     event.add_property("SessionId", _session(record.session_id), ua.VariantType.NodeId)
+    return event
+
+
+def write_event(record: WriteRecord, server_uri: str) -> Event:
+    """Return the AuditWriteUpdateEvent of a write to a variable that commands something (OPC 10000-5, 6.4.26)."""
+    event = event_objects.AuditWriteUpdateEvent()
+    who, name = record.caller.name or "anonymous", record.node_id.to_string()
+    ended = "done" if not record.reason else f"{record.status_name}: {record.reason}"
+    _fill(event, f"write of {name} by {who}: {ended}", "Attribute/Write", server_uri, record.status, record.caller.name)
+    old = record.old or ua.Variant()
+    event.add_property("SourceNode", record.node_id, ua.VariantType.NodeId)
+    event.add_property("ClientAuditEntryId", record.client_audit_entry_id, ua.VariantType.String)
+    event.add_property("AttributeId", int(AttributeIds.Value), ua.VariantType.UInt32)
+    event.add_property("OldValue", old.Value, old.VariantType)
+    event.add_property("NewValue", record.new.Value, record.new.VariantType)
     return event
 
 

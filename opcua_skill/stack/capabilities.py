@@ -60,7 +60,6 @@ def capabilities(limits: Limits, security: SecuritySettings) -> dict[int, ua.Var
     below = "Server_ServerCapabilities_OperationLimits_"
     values |= {below + name: (value, count) for name, value in per_request.items()}
     values["Server_Auditing"] = (True, _T.Boolean)
-    values["Server_ServerDiagnostics_EnabledFlag"] = (False, _T.Boolean)
     return {getattr(Ids, name): ua.Variant(value, kind) for name, (value, kind) in values.items()}
 
 

@@ -51,9 +51,6 @@ class EventFilter(WhereClauseEvaluator):
         if element.FilterOperator == ua.FilterOperator.OfType:
             wanted = self._eval_op(element.FilterOperands[0], event)
             return isinstance(wanted, ua.NodeId) and is_subtype(self._aspace, event.EventType, wanted)
-        if element.FilterOperator == ua.FilterOperator.Between:
-            value, low, high = (self._eval_op(operand, event) for operand in element.FilterOperands)
-            return low <= value <= high
         return super()._eval_el(index, event)
 
 

@@ -20,14 +20,24 @@ from opcua_skill.security.chains import CertificateFault, Known, fault
 from opcua_skill.security.settings import SecuritySettings
 from opcua_skill.security.trust import TrustList
 from opcua_skill.stack.access import Identity, Role, SignIn
-from opcua_skill.stack.audit import OnSignIn, SignInRecord, certificate_event, claimed, sign_in_event
+from opcua_skill.stack.audit import (
+    OnSignIn,
+    OnWrite,
+    SignInRecord,
+    WriteRecord,
+    certificate_event,
+    claimed,
+    sign_in_event,
+    write_event,
+)
 from opcua_skill.stack.calls import CheckedMethods
+from opcua_skill.stack.diagnostics import Diagnostics
 from opcua_skill.stack.events import deliver
 from opcua_skill.stack.limits import Limits
 from opcua_skill.stack.sessions import Channel, Session, internal_user
-from opcua_skill.stack.subscriptions import Subscriptions
+from opcua_skill.stack.subscriptions import Subscription, Subscriptions
 from opcua_skill.stack.values import SERVER, status_name
-from opcua_skill.stack.writing import WRITABLE
+from opcua_skill.stack.writing import READABLE, WRITABLE
 
 log = logging.getLogger(__name__)
 
@@ -54,8 +64,11 @@ class SkillInternalServer(InternalServer):
         self.no_encryption = security.insecure_no_encryption
         self.trust = None if security.insecure_trust_every_client else TrustList(security.folder)
         self.on_sign_in: OnSignIn | None = None
+        self.on_written: OnWrite | None = None
         self.server_uri = security.application_uri
         self.on_session_closed: list[Callable[[str], Awaitable[None]]] = []
+        self.diagnostics = Diagnostics(self)
+        self.readers: dict[ua.NodeId, frozenset[Role]] = {}
         self._write_roles: dict[ua.NodeId, frozenset[Role]] = {}
         self.on_write: dict[ua.NodeId, Callable[[Any], Awaitable[None]]] = {}
         super().__init__(user_manager=_NobodyByDefault())
@@ -118,12 +131,22 @@ class SkillInternalServer(InternalServer):
                 await asyncio.to_thread(self.trust.reject, certificate)
         return getattr(Codes, found.value) if found is not None else Codes.Good
 
+    def client_sessions(self) -> list[Session]:
+        """Return the sessions of clients, signed in or not yet."""
+        return [session for session in self._external_sessions.values() if isinstance(session, Session)]
+
+    def client_subscriptions(self) -> list[Subscription]:
+        """Return the subscriptions of clients; the server's own are not among them."""
+        return [one for one in self.subscription_service.subscriptions.values() if one.pub_request_callback is not None]
+
+    def session_of(self, session_id: ua.NodeId) -> Session | None:
+        """Return an activated session by its id."""
+        return next((s for s in self.client_sessions() if s.session_id == session_id and s.is_activated()), None)
+
     def identity_of(self, session_id: ua.NodeId) -> Identity | None:
         """Return who an activated session belongs to."""
-        for session in self._external_sessions.values():
-            if session.session_id == session_id and isinstance(session, Session) and session.is_activated():
-                return session.identity
-        return None
+        session = self.session_of(session_id)
+        return session.identity if session is not None else None
 
     def is_connected(self, session_id: str) -> bool:
         """Return whether a session has a connection now; one that lost it may still come back for a while."""
@@ -139,6 +162,8 @@ class SkillInternalServer(InternalServer):
         owner = next(sessions, None)
         if not isinstance(owner, Session) or owner.channel is None or to.channel is None:
             return Codes.BadUserAccessDenied
+        if owner is not to and self.subscription_service.full(to.session_id):
+            return Codes.BadTooManySubscriptions
         same = owner.is_activated() and owner.identity == to.identity and owner.channel.same_client(to.channel)
         return Codes.Good if same and to.identity.name else Codes.BadUserAccessDenied
 
@@ -174,6 +199,15 @@ class SkillInternalServer(InternalServer):
                 log.exception("fault %s: a sign-in was not recorded", secrets.token_hex(4))
         await deliver(self, SERVER, sign_in_event(record, self.server_uri))
 
+    async def written(self, record: WriteRecord) -> None:
+        """Record a write that commands something, then tell it as an audit event."""
+        if self.on_written is not None:
+            try:
+                await self.on_written(record)
+            except Exception:
+                log.exception("fault %s: a write was not recorded", secrets.token_hex(4))
+        await deliver(self, record.node_id, write_event(record, self.server_uri))
+
     async def session_closed(self, session: Session) -> None:
         """Tell those who hold something for a session that it is over. One that fails does not silence the others."""
         for hook in self.on_session_closed:
@@ -190,11 +224,20 @@ class SkillInternalServer(InternalServer):
         """Return whether a role may write a variable that is writable at all."""
         return role in self._write_roles.get(node_id, Role.OPERATOR.and_above)
 
+    def may_read(self, node_id: ua.NodeId, role: Role) -> bool:
+        """Return whether a role may read a variable: nearly all are for everybody who has signed in."""
+        return role in self.readers.get(node_id, Role.OBSERVER.and_above)
+
     def user_access_level(self, node_id: ua.NodeId, role: Role, told: ua.DataValue) -> ua.DataValue:
-        """Return a UserAccessLevel without the right to write for a role that may not."""
-        if told.Value is None or self.may_write(node_id, role) or not told.Value.Value & WRITABLE:
+        """Return a UserAccessLevel without the rights to read and to write that a role does not have."""
+        if told.Value is None:
             return told
-        return dataclasses.replace(told, Value=ua.Variant(told.Value.Value & ~WRITABLE, ua.VariantType.Byte))
+        taken = 0 if self.may_write(node_id, role) else WRITABLE
+        taken |= 0 if self.may_read(node_id, role) else READABLE
+        level = told.Value.Value & ~taken
+        if level == told.Value.Value:
+            return told
+        return dataclasses.replace(told, Value=ua.Variant(level, ua.VariantType.Byte))
 
 
 def _connected(session: Session) -> bool:

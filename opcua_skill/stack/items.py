@@ -1,8 +1,9 @@
 """The monitored items of one subscription: checked filters, bounded queues, and values that are not copied for each."""
 
 import asyncio
+import functools
 import logging
-from collections.abc import Awaitable, Generator
+from collections.abc import Awaitable, Callable, Generator
 from typing import TYPE_CHECKING, Any
 
 from asyncua import ua
@@ -13,7 +14,9 @@ from asyncua.ua.status_codes import StatusCodes as Codes
 from asyncua.ua.uaprotocol_auto import DataChangeFilter  # what is decoded: ua.DataChangeFilter is a child of it
 
 from opcua_skill.stack.filters import EventFilter, data_filter_fault, event_filter_fault
+from opcua_skill.stack.index_ranges import index_range
 from opcua_skill.stack.limits import Limits
+from opcua_skill.stack.reading import encoding_fault, narrowed
 from opcua_skill.stack.values import status
 
 if TYPE_CHECKING:
@@ -45,10 +48,15 @@ class Items(MonitoredItemService):
         self._handle_of: dict[int, int] = {}
         self._stamps: dict[int, ua.TimestampsToReturn] = {}
         self._wanted_stamps = ua.TimestampsToReturn.Both
+        self._views: dict[int, Callable[[ua.DataValue], ua.DataValue]] = {}
         self.sampling: set[int] = set()
 
     def __len__(self) -> int:
         return len(self._monitored_items)
+
+    def disabled(self) -> int:
+        """Return how many items are switched off."""
+        return sum(1 for item in self._monitored_items.values() if item.mode == ua.MonitoringMode.Disabled)
 
     def __bool__(self) -> bool:
         return True
@@ -71,12 +79,20 @@ class Items(MonitoredItemService):
         return results
 
     def _fault(self, item: Any) -> int:
-        if item.ItemToMonitor.IndexRange:
+        wanted = item.ItemToMonitor
+        if wanted.IndexRange and index_range(wanted.IndexRange) is None:
             return Codes.BadIndexRangeInvalid
-        if item.ItemToMonitor.AttributeId == AttributeIds.EventNotifier:
-            if item.ItemToMonitor.NodeId not in self.aspace:
+        if wanted.AttributeId == AttributeIds.EventNotifier:
+            if wanted.NodeId not in self.aspace:
                 return Codes.BadNodeIdUnknown
             return event_filter_fault(item.RequestedParameters.Filter, self._limits)
+        if wanted.AttributeId == AttributeIds.Value and not self.isub.may_read(wanted.NodeId):
+            return Codes.BadUserAccessDenied
+        encoding = wanted.DataEncoding.Name if wanted.DataEncoding is not None else None
+        if encoding and wanted.NodeId in self.aspace:
+            now = self.aspace.read_attribute_value(wanted.NodeId, wanted.AttributeId)
+            if code := encoding_fault(encoding, now, wanted):
+                return code
         return data_filter_fault(item.RequestedParameters.Filter)
 
     def _create_events_monitored_item(self, params: ua.MonitoredItemCreateRequest) -> ua.MonitoredItemCreateResult:
@@ -100,6 +116,9 @@ class Items(MonitoredItemService):
 
     def _commit_monitored_item(self, result: ua.MonitoredItemCreateResult, mdata: MonitoredItemData) -> None:
         super()._commit_monitored_item(result, mdata)
+        wanted = mdata.read_value_id
+        if wanted is not None and wanted.IndexRange and mdata.where_clause_evaluator is None:
+            self._views[result.MonitoredItemId] = functools.partial(narrowed, wanted=wanted)
         if mdata.mode == ua.MonitoringMode.Sampling:
             self.sampling.add(result.MonitoredItemId)
 
@@ -158,6 +177,7 @@ class Items(MonitoredItemService):
         if item is None:
             return status(Codes.BadMonitoredItemIdInvalid)
         self._stamps.pop(mid, None)
+        self._views.pop(mid, None)
         self.sampling.discard(mid)
         handle = self._handle_of.pop(mid, None)
         if handle is not None:
@@ -178,11 +198,6 @@ class Items(MonitoredItemService):
         if place is not None and node is not None and place[1] in node.attributes:
             node.attributes[place[1]].datachange_callbacks.pop(handle, None)
 
-    def delete_all_monitored_items(self) -> None:
-        """Delete every item."""
-        for mid in list(self._monitored_items):
-            self._delete_monitored_items(mid)
-
     def datachange_callback(  # pyright: ignore[reportIncompatibleMethodOverride]
         self, handle: int, value: ua.DataValue | None, error: ua.StatusCode | None = None
     ) -> Awaitable[None]:
@@ -196,6 +211,8 @@ class Items(MonitoredItemService):
             return _DONE
         if error is not None or value is None:
             value = ua.DataValue(StatusCode=error or status(Codes.BadNodeIdUnknown))
+        if (view := self._views.get(mid)) is not None:
+            value = view(value)
         values = item.mvalue
         values.old_dvalue, values.current_dvalue = values.current_dvalue, value
         if self._passes(item):
@@ -223,6 +240,7 @@ class Items(MonitoredItemService):
             return
         if not item.where_clause_evaluator.eval(event):
             return
+        self.isub.count_event_overflow(mid, item.queue_size)
         fields = ua.EventFieldList()
         fields.ClientHandle = item.client_handle  # pyright: ignore[reportAttributeAccessIssue]
         fields.EventFields = event.to_event_fields(item.filter.SelectClauses)

@@ -55,6 +55,5 @@ class Limits:
     publishing_interval_ms: tuple[float, float] = (50.0, 3_600_000.0)
     subscription_lifetime: float = 600.0
     unacknowledged_messages: int = 50
-    publish_requests: int = 100
     filter_elements: int = 32
     selected_fields: int = 100

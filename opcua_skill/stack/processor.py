@@ -33,6 +33,7 @@ HEAVY_SECONDS, LONGEST_PAUSE = 0.02, 0.25
 CLOSE = 0
 LONGEST_AUDIT_ENTRY_ID = 200
 CHUNK_TOLERANCE = 1024
+UNKNOWN_SERVICE = 0
 LIFETIME_MS = (10_000, 3_600_000)
 _CALL = Ids.CallRequest_Encoding_DefaultBinary
 _PUBLISH = Ids.PublishRequest_Encoding_DefaultBinary
@@ -142,6 +143,8 @@ class Processor(SessionServices):
     ):
         """Send a response; one the client said it cannot take becomes a fault that says so."""
         response.ResponseHeader.RequestHandle = requesthandle
+        if isinstance(response, ua.ServiceFault):
+            self.iserver.diagnostics.totals.request_refused(response.ResponseHeader.ServiceResult.value)
         body = struct_to_binary(response)
         chunks = len(body) // (self._limits.max_send_buffer - 1024) + 1
         too_large = 0 < self._largest_response < len(body) or 0 < self._most_response_chunks < chunks
@@ -202,6 +205,7 @@ class Processor(SessionServices):
                 return await special(self, header, seqhdr, body)
             session = self._session_of(header)
             entry = SERVICES.get(service)
+            session.counts.requests[service if entry is not None else UNKNOWN_SERVICE] += 1
             if entry is None:
                 raise ServiceError(Codes.BadServiceUnsupported)
             kind, answer = entry
@@ -214,14 +218,22 @@ class Processor(SessionServices):
             self.send_response(header.RequestHandle, seqhdr, response)
             self.spent += decoded - begun + time.perf_counter() - answered
         except (ServiceError, UaStatusCodeError) as error:
-            self._fault(header.RequestHandle, seqhdr, int(error.code))
+            self._refuse(service, header, seqhdr, int(error.code))
         except InvalidSignature:
-            self._fault(header.RequestHandle, seqhdr, Codes.BadApplicationSignatureInvalid)
+            self._refuse(service, header, seqhdr, Codes.BadApplicationSignatureInvalid)
         except Exception:
             fault = secrets.token_hex(4)
             log.exception("fault %s in a request of %s", fault, self.name)
-            self._fault(header.RequestHandle, seqhdr, Codes.BadInternalError)
+            self._refuse(service, header, seqhdr, Codes.BadInternalError)
         return None
+
+    def _refuse(self, service: Any, header: Any, seqhdr: Any, code: int) -> None:
+        """Answer a request with a fault, and count it."""
+        self.iserver.diagnostics.totals.session_refused(service, code)
+        if self.session is not None and header.AuthenticationToken == self.session.auth_token:
+            known = service in SERVICES or service in _SPECIAL  # a peer must not fill memory with names of its own
+            self.session.counts.refused(service if known else UNKNOWN_SERVICE, code)
+        self._fault(header.RequestHandle, seqhdr, code)
 
     def _session_of(self, header: Any) -> Session:
         """Return the activated session a request speaks for: this connection's own, by its token."""
@@ -238,6 +250,7 @@ class Processor(SessionServices):
     async def _publish(self, header: Any, seqhdr: Any, body: Buffer) -> None:
         """Keep a publish request until one of the session's subscriptions has something to say."""
         session = self._session_of(header)
+        session.counts.requests[_PUBLISH] += 1
         params = decode(ua.PublishParameters, body)
         subscriptions, results = session.publish(params.SubscriptionAcknowledgements)
         request = PublishRequestData(requesthdr=header, seqhdr=seqhdr, results=results)
@@ -267,9 +280,10 @@ class Processor(SessionServices):
         self._connection.close()
         return CLOSE
 
-    def publish_request_limit(self, subscription_count: int) -> int:
-        """Return how many publish requests are kept for this connection."""
-        return min(subscription_count + 10, self.iserver.limits.publish_requests)
+    def _evict_publish_request(self) -> None:
+        super()._evict_publish_request()
+        if self.session is not None:
+            self.session.counts.refused(_PUBLISH, Codes.BadTooManyPublishRequests)
 
     async def close(self) -> None:
         """Drop what hangs on the connection. A session with subscriptions lives on until its timeout."""

@@ -1,7 +1,6 @@
 """What a client asks of a value: a part by index range, which timestamps; and how large an answer would be."""
 
 import dataclasses
-import re
 from datetime import UTC, datetime
 from typing import Any
 
@@ -9,13 +8,13 @@ from asyncua import ua
 from asyncua.ua.attribute_ids import AttributeIds
 from asyncua.ua.status_codes import StatusCodes as Codes
 
+from opcua_skill.stack.index_ranges import index_range, part_of
 from opcua_skill.stack.values import status
 
-_RANGE = re.compile(r"(\d{1,10})(?::(\d{1,10}))?", re.ASCII)
 _BOTH = ua.TimestampsToReturn.Both
 _WANT_SOURCE = frozenset({ua.TimestampsToReturn.Source, _BOTH})
 _WANT_SERVER = frozenset({ua.TimestampsToReturn.Server, _BOTH})
-_DEFAULT_ENCODINGS = {None, "", "Default Binary"}
+_OTHER_ENCODINGS = frozenset({"Default XML", "Default JSON"})
 
 
 def size_of(value: Any) -> int:
@@ -31,32 +30,28 @@ def size_of(value: Any) -> int:
 
 def narrowed(told: ua.DataValue, wanted: ua.ReadValueId) -> ua.DataValue:
     """Return the part of a value that an index range asks for, or the code that says why there is none."""
-    if wanted.DataEncoding is not None and wanted.DataEncoding.Name not in _DEFAULT_ENCODINGS:
-        return _bad(Codes.BadDataEncodingInvalid)
-    if not wanted.IndexRange or told.Value is None:
+    encoding = wanted.DataEncoding.Name if wanted.DataEncoding is not None else None
+    if encoding and (code := encoding_fault(encoding, told, wanted)):
+        return _bad(code)
+    if not wanted.IndexRange:
         return told
-    if wanted.AttributeId != AttributeIds.Value:
-        return _bad(Codes.BadIndexRangeNoData)
-    places = index_range(wanted.IndexRange)
-    if places is None:
+    ranges = index_range(wanted.IndexRange)
+    if ranges is None:
         return _bad(Codes.BadIndexRangeInvalid)
-    start, stop = places.start, places.stop
-    value = told.Value.Value
-    if not isinstance(value, list | tuple | str | bytes) or start >= len(value):
-        return _bad(Codes.BadIndexRangeNoData)
-    part = value[start:stop]
-    answer = ua.DataValue(ua.Variant(part, told.Value.VariantType, is_array=told.Value.is_array))
-    answer.SourceTimestamp, answer.ServerTimestamp = told.SourceTimestamp, told.ServerTimestamp
-    return answer
+    if told.Value is None or (told.StatusCode is not None and told.StatusCode.is_bad()):
+        return told
+    part = part_of(told.Value, ranges)
+    return _bad(Codes.BadIndexRangeNoData) if part is None else dataclasses.replace(told, Value=part)
 
 
-def index_range(text: str) -> range | None:
-    """Return the places that an index range such as "3" or "2:5" names, None if it is not one (of one dimension)."""
-    found = _RANGE.fullmatch(text)
-    if found is None:
-        return None
-    first, last = int(found[1]), int(found[2] or found[1])
-    return range(first, last + 1) if found[2] is None or last > first else None
+def encoding_fault(encoding: str, told: ua.DataValue, wanted: ua.ReadValueId) -> int:
+    """Return the code to refuse an encoding with, 0 for one there is: structures have the binary one, others none."""
+    structure = told.Value is not None and told.Value.VariantType == ua.VariantType.ExtensionObject
+    if wanted.AttributeId != AttributeIds.Value or not structure:
+        return Codes.BadDataEncodingInvalid
+    if encoding in _OTHER_ENCODINGS:
+        return Codes.BadDataEncodingUnsupported
+    return Codes.Good if encoding == "Default Binary" else Codes.BadDataEncodingInvalid
 
 
 def stamped(told: ua.DataValue, which: ua.TimestampsToReturn) -> ua.DataValue:

@@ -1,6 +1,7 @@
 """The server's front: starts safe, says what is not, and delivers events to everybody who may hear them."""
 
 import asyncio
+import copy
 import gc
 import logging
 import math
@@ -20,7 +21,7 @@ from asyncua.ua.object_ids import ObjectIds as Ids
 from opcua_skill.security.certificates import ApplicationCertificate, ensure_server_certificate
 from opcua_skill.security.settings import SecuritySettings
 from opcua_skill.stack.access import SignIn
-from opcua_skill.stack.audit import OnSignIn
+from opcua_skill.stack.audit import OnSignIn, OnWrite
 from opcua_skill.stack.calls import CallRecord, OnCall
 from opcua_skill.stack.capabilities import capabilities, product_version, tell
 from opcua_skill.stack.decoding import install
@@ -32,6 +33,7 @@ from opcua_skill.stack.transport import Acceptor
 
 log = logging.getLogger(__name__)
 ASYNCUA_VERSION = "2.1.0"
+DRAIN_SECONDS = 5.0
 _POLICIES = {
     "Basic256Sha256": ua.SecurityPolicyType.Basic256Sha256_SignAndEncrypt,
     "Aes128_Sha256_RsaOaep": ua.SecurityPolicyType.Aes128Sha256RsaOaep_SignAndEncrypt,
@@ -51,6 +53,13 @@ def _no_garbage_collected() -> Iterator[None]:
             gc.enable()
 
 
+def _shutdown_in(seconds: int, reason: str) -> dict[int, ua.Variant]:
+    return {
+        Ids.Server_ServerStatus_SecondsTillShutdown: ua.Variant(seconds, ua.VariantType.UInt32),
+        Ids.Server_ServerStatus_ShutdownReason: ua.Variant(ua.LocalizedText(reason), ua.VariantType.LocalizedText),
+    }
+
+
 class WrongAsyncua(RuntimeError):
     """The stack reaches into asyncua; only the version it was tested with may run."""
 
@@ -63,7 +72,8 @@ class SkillServer(Server):
 
     ``await init()`` loads the address space and makes or loads the certificate, ``await start()`` opens the endpoint.
     ``on_call`` is awaited after every call of a method that changes something, and after every refusal, ``on_sign_in``
-    after every sign-in that was let in or refused; then the audit event is raised: what is told has been written.
+    after every sign-in that was let in or refused, ``on_written`` after every write to a variable that commands
+    something; then the audit event is raised: what is told has been written.
     """
 
     iserver: SkillInternalServer  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -75,6 +85,7 @@ class SkillServer(Server):
         *,
         on_call: OnCall | None = None,
         on_sign_in: OnSignIn | None = None,
+        on_written: OnWrite | None = None,
         limits: Limits | None = None,
     ) -> None:
         if asyncua.__version__ != ASYNCUA_VERSION:
@@ -87,6 +98,7 @@ class SkillServer(Server):
         super().__init__(iserver=SkillInternalServer(authenticate, security, self.stack_limits))
         self.iserver.method_service.on_call = self._called
         self.iserver.on_sign_in = on_sign_in
+        self.iserver.on_written = on_written
         self._registrations: list[Registration] = []
         self.name = security.application_name
         self.set_endpoint(security.endpoint)
@@ -133,6 +145,8 @@ class SkillServer(Server):
         await self.load_certificate(self.certificate.certificate_file)
         await self.load_private_key(self.certificate.key_file)
         await tell(self.iserver, capabilities(self.stack_limits, self.security))
+        await self.iserver.diagnostics.offer()
+        await tell(self.iserver, _shutdown_in(0, ""))
         now, release = datetime.now(UTC), product_version()
         await self.set_build_info(self.product_uri, self.manufacturer_name, self.name, release, release, now)
 
@@ -150,6 +164,7 @@ class SkillServer(Server):
         except BaseException:
             await self.iserver.stop()
             raise
+        self.iserver.diagnostics.start()
         self._tell_real_port()
         log.info("listening on %s", self.url)
         for url in self.security.discovery_servers:
@@ -159,10 +174,23 @@ class SkillServer(Server):
 
     async def stop(self) -> None:
         """Close every connection and stop; calls that are still changing something get a moment to end."""
+        await self._tell_shutdown()
         for registration in self._registrations:
             await registration.stop()
-        await self.iserver.method_service.drain(5.0)
+        await self.iserver.diagnostics.stop()
+        await self.iserver.method_service.drain(DRAIN_SECONDS)
         await super().stop()
+
+    async def _tell_shutdown(self) -> None:
+        """Tell clients that the server ends; those who are connected see it while calls still end."""
+        told = copy.copy(await self.iserver.server_status_node.read_value())
+        values = _shutdown_in(int(DRAIN_SECONDS), "the server is stopped")
+        told.State = ua.ServerState.Shutdown
+        told.ShutdownReason = values[Ids.Server_ServerStatus_ShutdownReason].Value
+        told.SecondsTillShutdown = values[Ids.Server_ServerStatus_SecondsTillShutdown].Value
+        values[Ids.Server_ServerStatus] = ua.Variant(told, ua.VariantType.ExtensionObject)
+        values[Ids.Server_ServerStatus_State] = ua.Variant(int(told.State), ua.VariantType.Int32)
+        await tell(self.iserver, values)
 
     async def set_service_level(self, level: int, *, because: str) -> None:
         """Tell clients how well the server serves: from 200 healthy, from 2 degraded, 1 no data, 0 maintenance."""

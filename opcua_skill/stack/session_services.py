@@ -74,6 +74,7 @@ class SessionServices(UaProcessor):
         session = self.session
         if session is None or header.AuthenticationToken != session.auth_token:
             raise ServiceError(Codes.BadSessionIdInvalid)
+        session.closed_by_client = True
         await self._drop_session()
         self.send_response(header.RequestHandle, seqhdr, ua.CloseSessionResponse())
 

@@ -1,10 +1,11 @@
 """Sessions that cannot be guessed, taken over or left behind, and that carry who is asking into every call."""
 
 import asyncio
+import dataclasses
 import logging
 import secrets
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Awaitable, Callable
 from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -17,17 +18,20 @@ from asyncua.ua.attribute_ids import AttributeIds
 from asyncua.ua.status_codes import StatusCodes as Codes
 
 from opcua_skill.stack.access import Caller, Identity, Peer, Role, SignedIn, calling_as
+from opcua_skill.stack.audit import WriteRecord, claimed
 from opcua_skill.stack.browsing import Browser
 from opcua_skill.stack.calls import Refused
+from opcua_skill.stack.counting import SessionCounts, short
 from opcua_skill.stack.reading import narrowed, size_of, stamped
+from opcua_skill.stack.subscribing import SubscribingSession, known_timestamps
 from opcua_skill.stack.values import node_id, status
-from opcua_skill.stack.writing import write_fault
+from opcua_skill.stack.writing import value_to_write
 
 if TYPE_CHECKING:
-    from opcua_skill.stack.internal import SkillInternalServer
     from opcua_skill.stack.session_services import SessionServices
 
 log = logging.getLogger(__name__)
+MOST_LOCALES = 10
 _SERVER_ITSELF = Caller(name="server", role=Role.ADMIN, session_id="internal", peer="")
 
 
@@ -48,16 +52,16 @@ class Channel:
 current_channel: ContextVar[Channel] = ContextVar("opcua_skill_channel")
 
 
-class Session(InternalSession):
+class Session(SubscribingSession):
     """A session of a client, or the server's own internal one (``external`` False)."""
-
-    iserver: "SkillInternalServer"  # pyright: ignore[reportIncompatibleVariableOverride]
 
     def __init__(self, internal_server: Any, aspace: Any, submgr: Any, name: str, user: User, external: bool) -> None:
         super().__init__(internal_server, aspace, submgr, name, user=user, external=external)
         self.processor: SessionServices | None = None
         self.channel: Channel | None = None
         self.caller = _SERVER_ITSELF
+        self.counts = SessionCounts()
+        self.closed_by_client = False
         self._browser = Browser(aspace, self.iserver.limits)
         if external:
             self.channel = current_channel.get()
@@ -78,6 +82,8 @@ class Session(InternalSession):
         await self.iserver.admit_client(self.channel, params)
         result = await super().create_session(params, sockname)
         result.MaxRequestMessageSize = self.iserver.limits.largest_message
+        self.counts.introduce(params)
+        self.iserver.diagnostics.totals.sessions += 1
         return result
 
     def activate(self, identity: Identity, params: ua.ActivateSessionParameters) -> ua.ActivateSessionResult:
@@ -89,6 +95,8 @@ class Session(InternalSession):
             InternalSession._current_connections += 1
         self.state = SessionState.Activated
         self.nonce = create_nonce(32)
+        self.counts.locales = tuple(short(locale) for locale in (params.LocaleIds or [])[:MOST_LOCALES])
+        self.counts.mechanism = claimed(params.UserIdentityToken)[1]
         self.touch()
         self._start_timeout_watchdog()
         result = ua.ActivateSessionResult()
@@ -100,26 +108,25 @@ class Session(InternalSession):
         """Close the session and everything that hangs on it; a subscription never outlives its session."""
         if self.state is SessionState.Closed:
             return
+        timed_out = self._timeout_task is not None and self._timeout_task is asyncio.current_task()
         await super().close_session(True)
         if self.external:
+            self.iserver.diagnostics.totals.session_ended(by_client=self.closed_by_client, timed_out=timed_out)
             await self.iserver.session_closed(self)
-
-    def operations(self, items: list[Any] | None, at_most: int | None = None) -> list[Any]:
-        """Return the operations of a request, or refuse one that has none or too many."""
-        if not items:
-            raise ServiceError(Codes.BadNothingToDo)
-        if len(items) > (at_most or self.iserver.limits.operations_per_request):
-            raise ServiceError(Codes.BadTooManyOperations)
-        return items
 
     async def read(self, params: ua.ReadParameters) -> list[ua.DataValue]:
         """Read attributes; what the user may do is told by the session's own role."""
         if not self.external:
             return await super().read(params)
-        nodes, results, size = self.operations(params.NodesToRead), [], 0
+        nodes = self.operations(params.NodesToRead)
         if not params.MaxAge >= 0:
             raise ServiceError(Codes.BadMaxAgeInvalid)
         which = known_timestamps(params.TimestampsToReturn)
+        with calling_as(self.caller):
+            return await self._read_each(nodes, which)
+
+    async def _read_each(self, nodes: list[ua.ReadValueId], which: ua.TimestampsToReturn) -> list[ua.DataValue]:
+        results, size = [], 0
         for place, wanted in enumerate(nodes):
             told = self.iserver.aspace.read_attribute_value(wanted.NodeId, wanted.AttributeId)
             if told.Value is not None:
@@ -169,19 +176,41 @@ class Session(InternalSession):
 
     async def _write_one(self, item: ua.WriteValue) -> ua.StatusCode:
         """Write one value; a variable that commands something is obeyed first, or refused with its own code."""
-        if code := write_fault(self.aspace, item):
-            return status(code)
-        if not self.iserver.may_write(item.NodeId, self.identity.role):
-            return status(Codes.BadUserAccessDenied)
-        one = ua.WriteParameters()
-        one.NodesToWrite = [item]
+        value = value_to_write(self.aspace, item)
+        if isinstance(value, int):
+            return status(value)
         obey = self.iserver.on_write.get(item.NodeId)
+        if not self.iserver.may_write(item.NodeId, self.identity.role):
+            if obey is not None:
+                await self._recorded(item, Codes.BadUserAccessDenied, f"the role {self.caller.role} may not write it")
+            return status(Codes.BadUserAccessDenied)
         if obey is not None:
-            try:
-                await obey(item.Value.Value.Value if item.Value.Value is not None else None)
-            except Refused as refusal:
-                log.warning("%s refused to write %s: %s", self.caller.name, item.NodeId.to_string(), refusal.reason)
-                return status(refusal.code)
+            if item.IndexRange:
+                return status(Codes.BadWriteNotSupported)  # a command is whole: half of one cannot be obeyed
+            return await self._command(obey, item)
+        return await self._store(item, value)
+
+    async def _command(self, obey: Callable[[Any], Awaitable[None]], item: ua.WriteValue) -> ua.StatusCode:
+        """Carry out what a variable commands, then write it; what was commanded is recorded, and a refusal too."""
+        old = self.aspace.read_attribute_value(item.NodeId, AttributeIds.Value).Value
+        try:
+            await obey(item.Value.Value.Value if item.Value.Value is not None else None)
+        except Refused as refusal:
+            await self._recorded(item, refusal.code, refusal.reason, old)
+            return status(refusal.code)
+        done = await self._store(item, item.Value)
+        await self._recorded(item, done.value, "", old)
+        return done
+
+    async def _recorded(self, item: ua.WriteValue, code: int, reason: str, old: ua.Variant | None = None) -> None:
+        if reason:
+            log.warning("%s refused to write %s: %s", self.caller.name, item.NodeId.to_string(), reason)
+        new = item.Value.Value or ua.Variant()
+        await self.iserver.written(WriteRecord(self.caller, item.NodeId, old, new, code, reason))
+
+    async def _store(self, item: ua.WriteValue, value: ua.DataValue) -> ua.StatusCode:
+        one = ua.WriteParameters()
+        one.NodesToWrite = [dataclasses.replace(item, Value=value, IndexRange=None) if item.IndexRange else item]
         return (await super().write(one))[0]
 
     async def history_read(self, params: Any) -> list[ua.HistoryReadResult]:
@@ -201,141 +230,9 @@ class Session(InternalSession):
         with calling_as(self.caller):
             return await self.iserver.method_service.call(params)
 
-    def _own(self, subscription_id: int) -> None:
-        """Refuse a subscription that is not this session's."""
-        found = self.subscription_service.subscriptions.get(subscription_id)
-        if found is None or (self.external and found.session_id != self.session_id):
-            raise ServiceError(Codes.BadSubscriptionIdInvalid)
-
-    async def create_subscription(
-        self, params: Any, callback: Callable[..., Any], request_callback: Callable[..., Any] | None = None
-    ) -> ua.CreateSubscriptionResult:
-        """Make a subscription of this session, within the limits."""
-        if self.external:
-            self.iserver.subscription_service.admit(self.session_id)
-            self.iserver.subscription_service.revise(params)
-        return await super().create_subscription(params, callback, request_callback)
-
-    def modify_subscription(self, params: ua.ModifySubscriptionParameters) -> ua.ModifySubscriptionResult:
-        """Change how often an own subscription publishes."""
-        self._own(params.SubscriptionId)
-        return super().modify_subscription(params)
-
-    async def delete_subscriptions(self, ids: list[int]) -> list[ua.StatusCode]:
-        """Delete own subscriptions."""
-        if not self.external:
-            return await super().delete_subscriptions(ids)
-        if not ids:
-            return []
-        found = self.subscription_service.subscriptions
-        own = [i for i in ids if i in found and found[i].session_id == self.session_id]
-        done = dict(zip(own, await super().delete_subscriptions(own), strict=True))
-        return [done.get(i, status(Codes.BadSubscriptionIdInvalid)) for i in ids]
-
-    async def set_publishing_mode(self, params: ua.SetPublishingModeParameters) -> list[ua.StatusCode]:
-        """Switch own subscriptions on or off."""
-        results = []
-        for subscription_id in self.operations(params.SubscriptionIds):
-            found = self.iserver.subscription_service.subscriptions.get(subscription_id)
-            if found is None or found.session_id != self.session_id:
-                results.append(status(Codes.BadSubscriptionIdInvalid))
-            else:
-                await found.set_publishing_mode(params.PublishingEnabled)
-                results.append(status())
-        return results
-
-    async def transfer_subscriptions(  # pyright: ignore[reportIncompatibleMethodOverride]
-        self,
-        params: ua.TransferSubscriptionsParameters,
-        callback: Callable[..., Any],
-        request_callback: Callable[..., Any] | None = None,
-    ) -> list[ua.TransferResult]:
-        """Take over subscriptions of another session of the same user on the same client."""
-        results = []
-        for subscription_id in self.operations(params.SubscriptionIds):
-            result = ua.TransferResult()
-            code = self.iserver.may_transfer(subscription_id, self)
-            if not code:
-                subscription = self.iserver.subscription_service.subscriptions[subscription_id]
-                subscription.session_id = self.session_id
-                subscription.pub_result_callback = callback
-                subscription.pub_request_callback = request_callback
-                if params.SendInitialValues:
-                    subscription.monitored_item_srv.tell_again()
-                result.AvailableSequenceNumbers = sorted(subscription._not_acknowledged_results)
-            result.StatusCode = status(code)
-            results.append(result)
-        return results
-
-    async def create_monitored_items(self, params: Any) -> list[ua.MonitoredItemCreateResult]:
-        """Monitor nodes in an own subscription, within the limits."""
-        if self.external:
-            self._own(params.SubscriptionId)
-            known_timestamps(params.TimestampsToReturn)
-            self.operations(params.ItemsToCreate, self.iserver.limits.items_per_subscription)
-            self.iserver.subscription_service.admit_items(params.SubscriptionId, len(params.ItemsToCreate))
-        return await super().create_monitored_items(params)
-
-    async def modify_monitored_items(self, params: Any) -> list[ua.MonitoredItemModifyResult]:
-        """Change monitored items of an own subscription."""
-        self._own(params.SubscriptionId)
-        if self.external:
-            known_timestamps(params.TimestampsToReturn)
-            self.operations(params.ItemsToModify, self.iserver.limits.items_per_subscription)
-        return await super().modify_monitored_items(params)
-
-    async def delete_monitored_items(self, params: Any) -> list[ua.StatusCode]:
-        """Delete monitored items of an own subscription."""
-        self._own(params.SubscriptionId)
-        if self.external:
-            self.operations(params.MonitoredItemIds, self.iserver.limits.items_per_subscription)
-        return await super().delete_monitored_items(params)
-
-    async def set_monitoring_mode(self, params: Any) -> list[ua.StatusCode]:
-        """Switch monitored items of an own subscription."""
-        self._own(params.SubscriptionId)
-        if self.external:
-            self.operations(params.MonitoredItemIds, self.iserver.limits.items_per_subscription)
-        return await super().set_monitoring_mode(params)
-
-    def republish(self, params: ua.RepublishParameters) -> ua.NotificationMessage:
-        """Return a message of an own subscription that was not acknowledged yet."""
-        self._own(params.SubscriptionId)
-        kept = self.subscription_service.subscriptions[params.SubscriptionId]._not_acknowledged_results
-        if params.RetransmitSequenceNumber not in kept:
-            raise ServiceError(Codes.BadMessageNotAvailable)
-        return kept[params.RetransmitSequenceNumber].NotificationMessage
-
-    def publish(self, acks: Iterable[ua.SubscriptionAcknowledgement] | None = None) -> tuple[int, list[ua.StatusCode]]:
-        """Acknowledge messages of own subscriptions; return how many subscriptions there are and the results."""
-        own = {i: s for i, s in self.subscription_service.subscriptions.items() if s.session_id == self.session_id}
-        if not own:
-            raise ServiceError(Codes.BadNoSubscription)
-        results = []
-        for ack in acks or ():
-            subscription = own.get(ack.SubscriptionId)
-            if subscription is None:
-                results.append(status(Codes.BadSubscriptionIdInvalid))
-            elif subscription._not_acknowledged_results.pop(ack.SequenceNumber, None) is None:
-                results.append(status(Codes.BadSequenceNumberUnknown))
-            else:
-                results.append(status())
-        return len(own), results
-
     def idle_for(self) -> float:
         """Return the seconds since the last request."""
         return time.monotonic() - self._last_activity
-
-
-def known_timestamps(which: Any) -> ua.TimestampsToReturn:
-    """Return which timestamps are asked for, or refuse what is not one of the four answers."""
-    try:
-        found = ua.TimestampsToReturn(which)
-    except ValueError:
-        found = ua.TimestampsToReturn.Invalid
-    if found is ua.TimestampsToReturn.Invalid:
-        raise ServiceError(Codes.BadTimestampsToReturnInvalid)
-    return found
 
 
 def internal_user() -> User:

@@ -19,6 +19,7 @@ from asyncua.ua.object_ids import ObjectIds as Ids
 from asyncua.ua.status_codes import StatusCodes as Codes
 from asyncua.ua.ua_binary import struct_to_binary
 
+from opcua_skill.stack.counting import SubscriptionCounts
 from opcua_skill.stack.items import Items
 from opcua_skill.stack.reading import stamped
 from opcua_skill.stack.values import node_id
@@ -66,6 +67,7 @@ class Subscription(InternalSubscription):
         super().__init__(data, service.aspace, callback, session_id, **options)
         self._encodings = service.encodings
         self._iserver = service.iserver
+        self.counts = SubscriptionCounts()
         self.monitored_item_srv = Items(self, service.aspace, service.iserver.limits)
 
     def queue_value(self, mid: int, item: MonitoredItemData, value: ua.DataValue) -> None:
@@ -74,6 +76,7 @@ class Subscription(InternalSubscription):
         queue = self._triggered_datachanges.setdefault(mid, [])
         if item.queue_size and len(queue) >= item.queue_size:
             del queue[0]
+            self.counts.value_overflows += item.queue_size > 1
         queue.append(notification)
 
     def may_hear_of(self, user: str) -> bool:
@@ -82,6 +85,25 @@ class Subscription(InternalSubscription):
             return True
         identity = self._iserver.identity_of(self.session_id)
         return identity is not None and identity.may_hear_of(user)
+
+    def may_read(self, node: ua.NodeId) -> bool:
+        """Return whether this subscription's session may read a variable; the server's own may read all."""
+        if self.pub_request_callback is None or node not in self._iserver.readers:
+            return True
+        identity = self._iserver.identity_of(self.session_id)
+        return identity is not None and self._iserver.may_read(node, identity.role)
+
+    def count_event_overflow(self, mid: int, size: int) -> None:
+        """Count an event that makes an older one of its item's queue go."""
+        self.counts.event_overflows += 0 < size <= len(self._triggered_events.get(mid, ()))
+
+    async def set_publishing_mode(self, enabled: bool) -> None:
+        """Switch publishing on or off."""
+        if enabled:
+            self.counts.enabled += 1
+        else:
+            self.counts.disabled += 1
+        await super().set_publishing_mode(enabled)
 
     def forget_item(self, mid: int) -> None:
         """Drop what was queued for an item that is deleted."""
@@ -99,9 +121,14 @@ class Subscription(InternalSubscription):
             which = self.monitored_item_srv.stamps(mid)
             for notification in queue:
                 parts += (_UINT32.pack(notification.ClientHandle), encoding(notification.Value, which))
+        self.counts.values += len(parts) // 2
         body = b"".join((_UINT32.pack(len(parts) // 2), *parts, _NO_DIAGNOSTICS))
         self._triggered_datachanges = {}
         result.NotificationMessage.NotificationData.append(ua.ExtensionObject(TypeId=_DATA_CHANGE, Body=body))  # pyright: ignore[reportArgumentType]
+
+    def _pop_triggered_events(self, result: ua.PublishResult) -> None:
+        self.counts.events += sum(len(queue) for queue in self._triggered_events.values())
+        super()._pop_triggered_events(result)
 
     def has_published_results(self) -> bool:
         """Return whether there is something to say: values of items that report, or that we are still here."""
@@ -109,8 +136,13 @@ class Subscription(InternalSubscription):
             return super().has_published_results()
 
     def _pop_publish_result(self) -> ua.PublishResult:
+        kept = len(self._not_acknowledged_results)
         with self._without_sampling():
-            return super()._pop_publish_result()
+            result = super()._pop_publish_result()
+        self.counts.publish_requests += 1
+        said_something = bool(result.NotificationMessage.NotificationData) and self.pub_request_callback is not None
+        self.counts.discarded_messages += said_something and len(self._not_acknowledged_results) <= kept
+        return result
 
     @contextmanager
     def _without_sampling(self) -> Iterator[None]:
@@ -135,7 +167,9 @@ class Subscription(InternalSubscription):
         while not self._closing:
             due = max(due + self.data.RevisedPublishingInterval / 1000, time.monotonic())
             await asyncio.sleep(due - time.monotonic())
+            was_late = self._publish_cycles_count > 0
             await self.publish_results()
+            self.counts.late += not was_late and self._publish_cycles_count > 0
 
 
 class Subscriptions(SubscriptionService):
@@ -150,10 +184,13 @@ class Subscriptions(SubscriptionService):
 
     def admit(self, session_id: ua.NodeId) -> None:
         """Refuse one more subscription when a session, or the server, has as many as it may."""
-        limits = self.iserver.limits
-        own = sum(1 for subscription in self.subscriptions.values() if subscription.session_id == session_id)
-        if own >= limits.subscriptions_per_session or len(self.subscriptions) >= limits.subscriptions:
+        if self.full(session_id) or len(self.subscriptions) >= self.iserver.limits.subscriptions:
             raise ServiceError(Codes.BadTooManySubscriptions)
+
+    def full(self, session_id: ua.NodeId) -> bool:
+        """Return whether a session has as many subscriptions as it may."""
+        own = sum(1 for subscription in self.subscriptions.values() if subscription.session_id == session_id)
+        return own >= self.iserver.limits.subscriptions_per_session
 
     def admit_items(self, subscription_id: int, count: int) -> None:
         """Refuse more items than a subscription, or the server, may have."""
@@ -178,7 +215,9 @@ class Subscriptions(SubscriptionService):
     def modify_subscription(self, params: ua.ModifySubscriptionParameters) -> ua.ModifySubscriptionResult:
         """Change interval, keep-alive and lifetime of a subscription."""
         self.revise(params)
-        data, result = self.subscriptions[params.SubscriptionId].data, ua.ModifySubscriptionResult()
+        subscription, result = self.subscriptions[params.SubscriptionId], ua.ModifySubscriptionResult()
+        subscription.counts.modified += 1
+        data = subscription.data
         data.RevisedPublishingInterval = result.RevisedPublishingInterval = params.RequestedPublishingInterval
         data.RevisedLifetimeCount = result.RevisedLifetimeCount = params.RequestedLifetimeCount
         data.RevisedMaxKeepAliveCount = result.RevisedMaxKeepAliveCount = params.RequestedMaxKeepAliveCount
@@ -219,4 +258,6 @@ class Subscriptions(SubscriptionService):
         )
         await subscription.start()
         self.subscriptions[result.SubscriptionId] = subscription
+        if request_callback is not None:
+            self.iserver.diagnostics.totals.subscriptions += 1
         return result

@@ -193,6 +193,7 @@ class Connection(OPCUAProtocol):
             code = await processor.answer(code)
         if code is not None:
             if code:
+                self._server.iserver.diagnostics.totals.request_refused(code)
                 self.fail(code)
             else:
                 transport.close()

@@ -1,5 +1,6 @@
 """What may be written: existing, writable variables, with values of the type and the rank they declare."""
 
+import dataclasses
 from typing import Any
 
 from asyncua import ua
@@ -8,14 +9,15 @@ from asyncua.ua.attribute_ids import AttributeIds
 from asyncua.ua.status_codes import StatusCodes as Codes
 
 from opcua_skill.stack.arguments import builtin_types
-from opcua_skill.stack.reading import index_range
+from opcua_skill.stack.index_ranges import index_range, with_part
 
+READABLE = 1 << ua.AccessLevel.CurrentRead
 WRITABLE = 1 << ua.AccessLevel.CurrentWrite
 _NULLABLE = frozenset({12, 15, 16, 22})  # String, ByteString, XmlElement, ExtensionObject
 
 
-def write_fault(aspace: AddressSpace, item: ua.WriteValue) -> int:
-    """Return the code to refuse a write with (OPC 10000-4, 5.11.4), 0 for one that the node allows."""
+def value_to_write(aspace: AddressSpace, item: ua.WriteValue) -> ua.DataValue | int:
+    """Return the whole value that a write leads to, or the code to refuse it with (OPC 10000-4, 5.11.4)."""
     node = aspace.get(item.NodeId)
     if node is None:
         return Codes.BadNodeIdUnknown
@@ -24,11 +26,20 @@ def write_fault(aspace: AddressSpace, item: ua.WriteValue) -> int:
     level = _declared(node, AttributeIds.AccessLevel)
     if item.AttributeId != AttributeIds.Value or level is None or not level & WRITABLE:
         return Codes.BadNotWritable
-    if item.IndexRange:
-        return Codes.BadWriteNotSupported if index_range(item.IndexRange) else Codes.BadIndexRangeInvalid
+    ranges = index_range(item.IndexRange) if item.IndexRange else ()
+    if ranges is None:
+        return Codes.BadIndexRangeInvalid
     if item.Value.StatusCode is not None and item.Value.StatusCode.value:
         return Codes.BadWriteNotSupported
-    return Codes.Good if fits_variable(aspace, node, item.Value.Value) else Codes.BadTypeMismatch
+    if not ranges:
+        return item.Value if fits_variable(aspace, node, item.Value.Value) else Codes.BadTypeMismatch
+    if item.Value.Value is None:
+        return Codes.BadTypeMismatch
+    now = aspace.read_attribute_value(item.NodeId, AttributeIds.Value)
+    if now.Value is None:
+        return Codes.BadIndexRangeNoData
+    whole = with_part(now.Value, ranges, item.Value.Value)
+    return whole if isinstance(whole, int) else dataclasses.replace(item.Value, Value=whole)
 
 
 def fits_variable(aspace: AddressSpace, node: Any, value: ua.Variant | None) -> bool:

@@ -29,3 +29,22 @@ def test_a_killed_server_is_told_and_the_panel_recovers(plant: Any, screens: Scr
     wait_for_draft(screen, "samples struck (not learned yet)")
     screen.button("Learn again").click()
     screen.says(r"recovers · version 2")
+
+
+def test_a_server_that_protects_less_than_it_should_is_seen_to(plant: Any, screens: Screens, tmp_path: Path) -> None:
+    screen = screens.sign_in("engineer", "/run")
+    banner = screen.marked("insecure")
+    assert not banner.is_visible()
+    configuration, patience = plant.folder / "plant.toml", 60_000
+    as_it_was = configuration.read_text(encoding="utf-8")
+    try:
+        plant.stop()
+        configuration.write_text(f"{as_it_was}\n[security]\nallow_anonymous = true\n", encoding="utf-8")
+        plant.start()
+        banner.get_by_text("anonymous sessions are accepted, as observers").wait_for(timeout=patience)
+        screen.picture("insecure", tmp_path)
+    finally:
+        plant.stop()
+        configuration.write_text(as_it_was, encoding="utf-8")
+        plant.start()
+    banner.wait_for(state="hidden", timeout=patience)

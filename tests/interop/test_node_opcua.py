@@ -25,4 +25,8 @@ def test_node_opcua_does_the_main_job(foreign_plant: Plant, node_modules: None, 
     plan = written(foreign_plant, tmp_path, "node-edge")
     done = subprocess.run(["node", "story.js", str(plan)], cwd=HERE, capture_output=True, text=True, timeout=150)
     assert done.returncode == 0, done.stderr[-3000:]
-    holds(json.loads(done.stdout.splitlines()[-1]))
+    told = json.loads(done.stdout.splitlines()[-1])
+    holds(told)
+    assert ["engineer", "UserName", "UA Binary", "opc.tcp"] in told["secured"]
+    assert max(told["called"]) >= 3
+    assert told["part"] == ["http://opcfoundation.org/UA/"]

@@ -88,6 +88,12 @@ async function main() {
     });
     for (let tries = 0; tries < 100 && !messages.some((one) => one.includes("ExecuteSkill")); tries++) await new Promise((resolve) => setTimeout(resolve, 100));
     told.events = messages;
+    const secured = await session.read({ nodeId: "i=3708", attributeId: AttributeIds.Value });
+    told.secured = secured.value.value.map((one) => [one.clientUserIdOfSession, one.authenticationMechanism, one.encoding, one.transportProtocol]);
+    const sessions = await session.read({ nodeId: "i=3707", attributeId: AttributeIds.Value });
+    told.called = sessions.value.value.map((one) => one.callCount.totalCount);
+    const part = await session.read({ nodeId: "i=2255", attributeId: AttributeIds.Value, indexRange: "0" });
+    told.part = Array.from(part.value.value);
     await subscription.terminate();
   });
   console.log(JSON.stringify(told));

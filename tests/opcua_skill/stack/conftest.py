@@ -4,6 +4,7 @@ import pytest
 import pytest_asyncio
 
 from tests.opcua_skill.stack.small_server import Bench, small_server
+from tests.opcua_skill.stack.stock_server import Stock, stock_server
 
 
 @pytest_asyncio.fixture(scope="package", loop_scope="package")
@@ -17,3 +18,10 @@ def bench(shared_bench: Bench) -> Iterator[Bench]:
     """One server for all tests of this folder, with its records cleared for each."""
     shared_bench.records.clear()
     yield shared_bench
+
+
+@pytest_asyncio.fixture(scope="package", loop_scope="package")
+async def stock() -> AsyncIterator[Stock]:
+    """One server as asyncua makes it for all tests of this folder."""
+    async with stock_server() as running:
+        yield running

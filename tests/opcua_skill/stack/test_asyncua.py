@@ -13,6 +13,13 @@ import asyncua
 import pytest
 
 from opcua_skill.stack.server import ASYNCUA_VERSION
+from tests.opcua_skill.stack import (
+    test_stock_connections,
+    test_stock_decoding,
+    test_stock_services,
+    test_stock_subscriptions,
+)
+from tests.opcua_skill.stack.replacements import TESTS, WIRING, exists, overridden
 
 READ = json.loads((Path(__file__).parent / "asyncua_as_read.json").read_text())
 
@@ -34,3 +41,16 @@ def test_the_version_that_was_read_is_the_one_that_runs():
 @pytest.mark.parametrize("place", READ)
 def test_what_is_replaced_is_as_it_was_read(place: str):
     assert digest(place) == READ[place], f"{place} has changed: is our replacement still needed, and does it still fit?"
+
+
+def test_each_replacement_has_a_test_of_what_asyncua_does_instead():
+    named = TESTS.keys() | WIRING.keys()
+    assert not overridden() - named, "say in replacements.py which test of asyncua's own behaviour stands for these"
+    assert not [name for name in named if not exists(name)], "replacements.py names what is not there"
+    assert not TESTS.keys() & WIRING.keys()
+
+
+def test_each_test_of_asyncua_s_own_behaviour_stands_for_a_replacement():
+    files = (test_stock_connections, test_stock_decoding, test_stock_services, test_stock_subscriptions)
+    written = {name for one in files for name in vars(one) if name.startswith("test_")}
+    assert written == {name for names in TESTS.values() for name in names}

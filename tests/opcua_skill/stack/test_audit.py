@@ -7,7 +7,8 @@ import pytest
 from asyncua import ua
 
 from opcua_skill.security import TrustList
-from opcua_skill.stack.audit import SignInRecord, sign_in_event
+from opcua_skill.stack.audit import SignInRecord, WriteRecord, sign_in_event
+from opcua_skill.stack.calls import Refused
 from opcua_skill.stack.values import node_id
 from tests.opcua_skill.stack.small_server import Bench
 from tests.opcua_skill.stack.test_events import listen
@@ -69,6 +70,44 @@ async def test_audit_events_are_for_engineers_and_for_whom_they_are_about(bench:
             await observer.get_node(bench.cell).call_method(f"{bench.index}:Engineer")
         assert [(await ears[1].next()).ClientUserId for _ in range(2)] == ["operator", "observer"]
         assert (await ears[0].next()).ClientUserId == "observer"
+
+
+async def test_a_write_that_commands_is_recorded_and_then_told_done_or_refused(bench: Bench):
+    node, records = ua.NodeId("Cell/Locked", bench.index), []
+
+    async def obey(value: float) -> None:
+        if value > 9.0:
+            raise Refused(ua.StatusCodes.BadOutOfRange, "too far")
+
+    async def keep(record: WriteRecord) -> None:
+        records.append(record)
+
+    bench.server.obey_writes(node, obey)
+    bench.server.iserver.on_written = keep
+    try:
+        async with bench.client("engineer") as engineer, bench.client("operator") as operator:
+            heard = await listen(engineer, engineer.nodes.server, ua.ObjectIds.AuditWriteUpdateEventType)
+            await engineer.get_node(node).write_value(3.5)
+            for client, value in ((engineer, 10.0), (operator, 1.0)):
+                with pytest.raises(ua.UaError):
+                    await client.get_node(node).write_value(value)
+            told = [await heard.next() for _ in range(3)]
+    finally:
+        del bench.server.iserver.on_write[node]
+        bench.server.iserver.on_written = None
+        await bench.server.get_node(node).write_value(2.5)
+    assert [(event.ClientUserId, event.NewValue, event.Status) for event in told] == [
+        ("engineer", 3.5, True),
+        ("engineer", 10.0, False),
+        ("operator", 1.0, False),
+    ]
+    assert (told[0].OldValue, told[0].SourceNode, told[0].AttributeId) == (2.5, node, 13)
+    assert [(one.caller.name, one.new.Value, one.status_name) for one in records] == [
+        ("engineer", 3.5, "Good"),
+        ("engineer", 10.0, "BadOutOfRange"),
+        ("operator", 1.0, "BadUserAccessDenied"),
+    ]
+    assert "too far" in told[1].Message.Text
 
 
 async def test_an_audit_event_names_the_client_s_own_id_of_the_request(bench: Bench):

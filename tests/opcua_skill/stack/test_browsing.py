@@ -2,7 +2,6 @@
 
 import pytest
 from asyncua import Client, ua
-from asyncua.server.internal_session import InternalSession
 
 from tests.opcua_skill.stack.small_server import Bench
 
@@ -88,23 +87,6 @@ async def test_paths_lead_to_nodes(bench: Bench):
             await client.nodes.objects.get_child([f"{bench.index}:Cell", f"{bench.index}:Nothing"])
 
 
-@pytest.mark.parametrize(
-    ("asked", "expected"),
-    [("1", [2.0]), ("1:2", [2.0, 3.0]), ("1:99", [2.0, 3.0, 4.0]), ("7", None), ("2:1", None), ("x", None)],
-)
-async def test_an_index_range_reads_a_part(bench: Bench, asked, expected):
-    node_id = ua.NodeId("Cell/Values", bench.index)
-    if node_id not in bench.server.iserver.aspace:
-        await bench.server.get_node(bench.cell).add_variable(node_id, "Values", [1.0, 2.0, 3.0, 4.0])
-    async with bench.client() as client:
-        params = ua.ReadParameters()
-        params.NodesToRead = [ua.ReadValueId(NodeId=node_id, AttributeId=ua.AttributeIds.Value, IndexRange=asked)]
-        (told,) = await client.uaclient.read(params)
-        assert (told.Value.Value if told.Value is not None else None) == expected
-        if expected is None:
-            assert told.StatusCode.value in {Codes.BadIndexRangeNoData, Codes.BadIndexRangeInvalid}
-
-
 async def test_server_capabilities_and_status_are_filled_in(bench: Bench):
     async with bench.client() as client:
         capabilities = await client.nodes.server.get_child("0:ServerCapabilities")
@@ -131,8 +113,3 @@ async def test_services_the_server_does_not_have_are_unsupported(bench: Bench):
             await client.nodes.objects.add_object(bench.index, "Mine")
         with pytest.raises(ua.uaerrors.BadServiceUnsupported):
             await client.get_node(bench.cell).delete()
-
-
-async def test_stock_asyncua_still_lacks_browse_next(bench: Bench):
-    with pytest.raises(NotImplementedError):
-        await InternalSession.browse_next(bench.server.iserver.isession, ua.BrowseNextParameters())

@@ -5,7 +5,6 @@ import math
 
 import pytest
 from asyncua import Client, ua
-from asyncua.server.monitored_item_service import WhereClauseEvaluator
 
 from opcua_skill.stack.limits import Limits
 from tests.opcua_skill.stack.small_server import Bench, small_server, until
@@ -171,15 +170,3 @@ async def test_a_filter_that_cannot_work_is_refused_when_it_is_set(bench: Bench,
         params = ua.CreateMonitoredItemsParameters(SubscriptionId=subscription.subscription_id, ItemsToCreate=[request])
         (result,) = await client.uaclient.create_monitored_items(params)
         assert result.StatusCode.name == code
-
-
-async def test_stock_asyncua_still_takes_of_type_for_the_exact_type_only(bench: Bench):
-    element = filter_of(
-        ua.FilterOperator.OfType, ua.LiteralOperand(Value=ua.Variant(ua.NodeId(ua.ObjectIds.BaseEventType)))
-    )
-    stock = WhereClauseEvaluator(None, bench.server.iserver.aspace, element.WhereClause)
-
-    class Event:
-        EventType = ua.NodeId(ua.ObjectIds.ProgramTransitionEventType)
-
-    assert stock.eval(Event()) is False
