@@ -28,6 +28,7 @@ from opcua_skill.client.errors import (
     meaning,
     status_name,
 )
+from opcua_skill.client.structures import load_structures
 from opcua_skill.security import ApplicationCertificate, ensure_client_certificate
 
 TYPES = "urn:opcua-skill:types"
@@ -94,7 +95,7 @@ class Session:
         try:
             self._types = await self._client.get_namespace_index(TYPES)
             self._instances = await self._client.get_namespace_index(INSTANCES)
-            await self._client.load_data_type_definitions()
+            await load_structures(self._client, self._types)
             self._reasons = await AuditReasons.subscribe(self._client)
         except ValueError as error:
             await self.close()
