@@ -19,6 +19,7 @@ from opcua_skill.client import APPLICATION_URI, SkillClient
 from opcua_skill.security import TrustList, ensure_client_certificate, hash_password
 from tests import prepared
 
+HERE = Path(__file__).parent
 PASSWORD = "correct horse battery"
 USERS = {
     "teacher": "teacher",
@@ -33,8 +34,35 @@ TABLES = ("skills", "versions", "recipes", "jobs", "deployments", "recordings")
 NOT_PASSED_ON = ("PYTEST", "OPCUA_SKILL", "PYTHONDONTWRITEBYTECODE")
 sys.dont_write_bytecode = False
 START_LIMIT = 90.0
+LONGEST_FIRST = (
+    "faults/test_killed_server.py",
+    "browser/test_run.py",
+    "faults/hostile/test_mutations.py",
+    "opcua_skill/test_demo.py",
+    "browser/test_pages.py",
+    "browser/test_review.py",
+    "models/test_bad_input.py",
+    "opcua_skill/test_cli_record.py",
+    "opcua_skill/test_cli_server.py",
+    "opcua_skill/test_three_arms.py",
+    "opcua_skill/test_bad_runs.py",
+    "interop/test_milo.py",
+    "interop/test_node_opcua.py",
+    "faults/hostile/test_after_sign_in.py",
+    "faults/hostile/test_before_sign_in.py",
+    "browser/test_teach.py",
+    "browser/test_recovery.py",
+    "story/test_story_bare_client.py",
+    "story/test_story_twenty_people.py",
+)
 STOP_LIMIT = 30.0
 ORPHAN_LIMIT = 10.0
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with the files that take longest, so that none of them is left to one worker when the other has ended."""
+    places = {HERE / name: place for place, name in enumerate(LONGEST_FIRST)}
+    items.sort(key=lambda item: places.get(item.path, len(places)))
 
 
 def free_port() -> int:
