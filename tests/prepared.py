@@ -80,11 +80,12 @@ class Prepared:
         try:
             with self._asking:
                 socket.send_fds(self._socket, [request.encode()], given)
-                pid = int(self._socket.recv(20))
+                pid = self._socket.recv(20)
         finally:
             for one in (their_input, their_output, telling):
                 os.close(one)
-        return Forked(pid, os.fdopen(our_input, "w"), os.fdopen(our_output), told)
+        assert pid, "the prepared process has died: stderr says why"
+        return Forked(int(pid), os.fdopen(our_input, "w"), os.fdopen(our_output), told)
 
     def close(self) -> None:
         self._socket.close()
