@@ -1,10 +1,15 @@
 """The typed client against a real server: everything INTERFACE offers, from demonstrations to a trace."""
 
+import shutil
+from pathlib import Path
+
 import numpy as np
+import pytest
 from asyncua import Node, ua
 
 from models.people import simulated_people
-from opcua_skill.client import SkillClient, structures
+from opcua_skill.client import ClientError, SkillClient, structures
+from tests.conftest import Plant
 
 PEOPLE, _ = simulated_people(6)
 
@@ -43,3 +48,11 @@ async def test_the_client_asks_for_every_data_type_of_ours(teacher: SkillClient)
         await walk(base)
     assert ours == set(structures.NAMES)
     assert all(getattr(ua, name).data_type.NamespaceIndex == teacher.session._types for name in ours)
+
+
+async def test_a_private_key_that_is_none_is_one_sentence(plant: Plant, tmp_path: Path) -> None:
+    shutil.copytree(plant.client_folder, tmp_path / "client")
+    (tmp_path / "client" / "client.pem").write_text("this is no key")
+    with pytest.raises(ClientError, match="private key is not an RSA key"):
+        async with SkillClient(plant.url, "teacher", plant.password, folder=tmp_path / "client"):
+            pass
