@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import functools
 import logging
 import uuid
 from collections.abc import AsyncIterator, Mapping, Sequence
@@ -12,10 +13,13 @@ from typing import Any
 from asyncua import ua
 from asyncua.client.client import Client
 from asyncua.common.subscription import DataChangeEvent, OpcEvent
+from asyncua.crypto import uacrypto
 from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
 from asyncua.ua.attribute_ids import AttributeIds
 from asyncua.ua.object_ids import ObjectIds
 from asyncua.ua.ua_binary import struct_from_binary
+from cryptography.hazmat.primitives import serialization
+from cryptography.hazmat.primitives.asymmetric import rsa
 
 from opcua_skill.client.audit import AuditReasons
 from opcua_skill.client.certificates import APPLICATION_URI, KnownServers, client_folder
@@ -28,6 +32,7 @@ from opcua_skill.client.errors import (
     meaning,
     status_name,
 )
+from opcua_skill.client.structures import load_structures
 from opcua_skill.security import ApplicationCertificate, ensure_client_certificate
 
 TYPES = "urn:opcua-skill:types"
@@ -35,6 +40,19 @@ INSTANCES = "urn:opcua-skill:instances"
 PROBE_EVERY = 15.0
 """How often the connection is probed, in s, and how long a probe may take: a busy machine is no lost connection."""
 log = logging.getLogger(__name__)
+
+
+@functools.lru_cache(maxsize=8)
+def private_key(pem: bytes) -> rsa.RSAPrivateKey:
+    """Return the private key in a PEM file; that it is a sound one is checked once, most of the time of a sign-in."""
+    refusal = "the client's private key is not an RSA key: move its file away to have a new one made"
+    try:
+        key = serialization.load_pem_private_key(pem, None)
+    except (ValueError, TypeError) as error:
+        raise ClientError(f"{refusal} ({error})") from error
+    if not isinstance(key, rsa.RSAPrivateKey):
+        raise ClientError(refusal)
+    return key
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +112,7 @@ class Session:
         try:
             self._types = await self._client.get_namespace_index(TYPES)
             self._instances = await self._client.get_namespace_index(INSTANCES)
-            await self._client.load_data_type_definitions()
+            await load_structures(self._client, self._types)
             self._reasons = await AuditReasons.subscribe(self._client)
         except ValueError as error:
             await self.close()
@@ -127,12 +145,12 @@ class Session:
             endpoints, ua.MessageSecurityMode.SignAndEncrypt, SecurityPolicyBasic256Sha256.URI
         )
         KnownServers(self._folder / "servers").meet(self.url, endpoint.ServerCertificate)
-        await self._client.set_security(
-            SecurityPolicyBasic256Sha256,
-            mine.certificate_file,
-            mine.key_file,
-            server_certificate=endpoint.ServerCertificate,
-        )
+        theirs = await uacrypto.load_certificate(endpoint.ServerCertificate)
+        key = private_key(await asyncio.to_thread(mine.key_file.read_bytes))
+        mode = ua.MessageSecurityMode.SignAndEncrypt
+        policy = SecurityPolicyBasic256Sha256(theirs, mine.certificate(), key, mode, host_cert_chain=[])
+        self._client.security_policy = policy
+        self._client.uaclient.set_security(policy)
 
     async def _certificate(self) -> ApplicationCertificate:
         return await asyncio.to_thread(ensure_client_certificate, self._folder, APPLICATION_URI)

@@ -88,6 +88,16 @@ class SkillInternalServer(InternalServer):
         self.max_connections = limits.connections
         self.max_pending_activation_seconds = limits.activation_timeout
 
+    async def stop(self) -> None:
+        """Stop at once: asyncua would wait for the next tick of its clock, up to a second."""
+        if self.time_task is not None:
+            self.time_task.cancel()
+            (ended,) = await asyncio.gather(self.time_task, return_exceptions=True)
+            if isinstance(ended, Exception):
+                log.error("the server's clock had failed", exc_info=ended)
+            self.time_task = None
+        await super().stop()
+
     def create_session(self, name: str, user: User | None = None, external: bool = False) -> Session:
         """Return a new session; a network client's is nobody's until it is activated."""
         return Session(self, self.aspace, self.subscription_service, name, user=user or User(), external=external)

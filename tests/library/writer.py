@@ -19,6 +19,11 @@ values = importlib.util.module_from_spec(spec)
 spec.loader.exec_module(values)
 
 
+def say(*words: object) -> None:
+    """Say a line in one piece: several processes speak into one pipe, and Python may be told not to buffer."""
+    os.write(sys.stdout.fileno(), (" ".join(map(str, words)) + "\n").encode())
+
+
 async def write(path: str, name: str, count: int) -> None:
     async with await SkillLibrary.open(path) as library:
         for number in range(count):
@@ -37,9 +42,9 @@ async def write(path: str, name: str, count: int) -> None:
                 actor="tina",
                 job_id=job_id,
             )
-            print("version", name, stored.version, stored.model_digest, job_id, flush=True)
+            say("version", name, stored.version, stored.model_digest, job_id)
             entry_id = await library.audit(AuditEntry(actor="tina", action=name))
-            print("audit", name, entry_id, flush=True)
+            say("audit", name, entry_id)
 
 
 def serve() -> None:
@@ -48,11 +53,11 @@ def serve() -> None:
         order, *arguments = line.rstrip("\n").split("\t")
         if order == "wait":
             _, status = os.waitpid(int(arguments[0]), 0)
-            print("gone", arguments[0], os.waitstatus_to_exitcode(status), flush=True)
+            say("gone", arguments[0], os.waitstatus_to_exitcode(status))
             continue
         path, name, count = arguments
         if os.fork() == 0:
-            print("pid", os.getpid(), flush=True)
+            say("pid", os.getpid())
             asyncio.run(write(path, name, int(count)))
             os._exit(0)
 

@@ -8,7 +8,7 @@ import pytest
 
 from library.description import AuditEntry
 from library.store import SkillLibrary
-from opcua_skill.cli import status_of
+from opcua_skill.commands.verbs import status_of
 
 
 async def _filled(folder: Path) -> None:

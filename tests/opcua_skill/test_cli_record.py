@@ -24,7 +24,7 @@ from library.readers import read
 from library.readers.plain_csv import write
 from models.demonstration import Demonstration
 from models.people import simulated_people
-from opcua_skill.cli import status_of
+from opcua_skill.commands.verbs import status_of
 
 if TYPE_CHECKING:
     from tests.conftest import Plant

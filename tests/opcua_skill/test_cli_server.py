@@ -10,7 +10,7 @@ import pytest
 
 from library.readers.plain_csv import write
 from models.people import ZIGZAG_IN_SPACE, simulated_people
-from opcua_skill.cli import status_of
+from opcua_skill.commands.verbs import status_of
 
 if TYPE_CHECKING:
     from tests.conftest import Plant

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from opcua_skill.cli import status_of
+from opcua_skill.commands.verbs import status_of
 
 VERBS = ("demo", "serve", "panel", "learn", "skills", "recipes", "run", "jobs", "users", "certificates", "bench")
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 import typer
 
-from opcua_skill.cli import app
+from opcua_skill.commands.verbs import app
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted([ROOT / "README.md", ROOT / "CHANGELOG.md", *(ROOT / "docs").rglob("*.md")])

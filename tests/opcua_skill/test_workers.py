@@ -3,6 +3,7 @@
 import asyncio
 import os
 import signal
+import subprocess
 import sys
 import tempfile
 import threading
@@ -140,3 +141,10 @@ async def test_a_long_temporary_folder_does_not_stop_learning(tmp_path: Path, mo
         assert await workers.run("doubling", double, 21, seconds=LIMIT) == 42
     finally:
         workers.close()
+
+
+def test_where_the_command_line_begins_imports_nothing() -> None:
+    """Every worker runs that file anew, before its first computation."""
+    asked = "import sys; before = set(sys.modules); import opcua_skill.cli; print(*set(sys.modules) - before)"
+    done = subprocess.run([sys.executable, "-c", asked], check=True, capture_output=True, text=True, timeout=LIMIT)
+    assert set(done.stdout.split()) == {"opcua_skill", "opcua_skill.cli"}

@@ -58,6 +58,7 @@ TESTS = {
     "events.deliver": ["test_an_event_does_not_rise_to_the_server"],
     "filters.EventFilter.eval": ["test_a_filter_that_does_not_fit_an_event_is_a_traceback"],
     "filters.EventFilter._eval_el": ["test_of_type_is_for_the_exact_type"],
+    "internal.SkillInternalServer.stop": ["test_stopping_waits_for_the_clock_s_next_tick"],
     "internal._NobodyByDefault.get_user": ["test_any_password_is_good"],
     "internal.SkillInternalServer.admit_client": ["test_the_certificate_that_is_named_is_the_one_that_is_checked"],
     "items.Items.create_monitored_items": ["test_an_item_ignores_range_and_filter"],

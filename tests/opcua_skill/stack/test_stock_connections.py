@@ -200,3 +200,14 @@ async def test_a_call_ends_with_its_connection(stock: Stock):
     assert stock.ended == ["cancelled"], mended("a call runs to its end", "calls.py: CheckedMethods._call and drain")
     lost.cancel()
     await asyncio.gather(lost, one.disconnect(), return_exceptions=True)
+
+
+async def test_stopping_waits_for_the_clock_s_next_tick():
+    server = Server()
+    await server.init()
+    server.set_endpoint("opc.tcp://127.0.0.1:0/stopping")
+    server.set_security_policy([ua.SecurityPolicyType.NoSecurity])
+    await server.start()
+    clock = server.iserver.time_task
+    await server.stop()
+    assert not clock.cancelled(), mended("stopping ends the clock", "internal.py: SkillInternalServer.stop")
