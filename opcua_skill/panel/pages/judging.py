@@ -145,7 +145,7 @@ class Judging:
         if not session.may("deploy"):
             return
         with ui.element("div").classes("line"):
-            where = choose(stations, session.station_name).classes("w-28")
+            where = choose(stations, session.station_name).style("width:112px")
             go = ui.button(words("Deploy"), on_click=lambda: self._place(True, where.value)).props('data-mark="deploy"')
             go.props("no-caps unelevated dense")
             back = ui.button(words("Withdraw"), on_click=lambda: self._place(False, where.value)).props(

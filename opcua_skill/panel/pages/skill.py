@@ -133,7 +133,7 @@ class SkillPage:
         def toggle(key: str, options: dict[str, str]) -> None:
             ui.toggle(options, value=self.state[key], on_change=lambda event: self._set(key, event.value)).props(
                 "no-caps dense unelevated toggle-color=primary color=white text-color=dark"
-            ).classes("border rounded").props(f'data-mark="toggle-{key}"')
+            ).classes("framed").props(f'data-mark="toggle-{key}"')
 
         def switch(key: str, label: str) -> None:
             ui.checkbox(label, value=self.state[key], on_change=lambda event: self._set(key, event.value)).props(
