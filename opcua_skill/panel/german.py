@@ -263,9 +263,12 @@ GERMAN: dict[str, str] = {
     "Corners too sharp": "Zu scharfe Ecken",
     "Default values": "Standardwerte",
     "Discard": "Verwerfen",
-    "Drag to turn. The axes meet in the arm's base. A record holds the nozzle, not the joints.": (
-        "Ziehen dreht. Die Achsen treffen sich im Armfuß. Aufgezeichnet wird die Düse, nicht die Gelenke."
+    "Drag to turn, wheel or two fingers to zoom. The links are drawn as the checks see them.": (
+        "Ziehen dreht, Rad oder zwei Finger vergrößern. Die Glieder sind gezeichnet, wie die Prüfungen sie sehen."
     ),
+    "Whole arm": "Ganzer Arm",
+    "Path only": "Nur die Bahn",
+    "Read the arm's links": "Glieder des Arms lesen",
     "Export": "Exportieren",
     "Export as JSON": "Als JSON exportieren",
     "Finish": "Beenden",

@@ -2,6 +2,7 @@
 
 import itertools
 import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -218,8 +219,16 @@ def test_jobs_queue_and_a_run_is_seen_in_space_over_time_and_as_csv(
     screen.page.mouse.down()
     screen.page.mouse.move(box["x"] + 160, box["y"] + 110, steps=3)
     screen.page.mouse.up()
-    screen.page.wait_for_selector("[data-mark='player'][data-turned]")
+    player = screen.page.locator("[data-mark='player'][data-turned]")
+    expect(player).to_have_attribute("data-links", re.compile("^[1-9]"), timeout=PATIENCE)
+    number = (player.get_attribute("id") or "").removeprefix("c")
+    by_links, recorded = screen.page.evaluate(f"getElement({number}).tips()")
+    assert by_links == pytest.approx(recorded, abs=0.01), "the links hold the nozzle where the record has it"
     screen.picture("space", tmp_path)
+    screen.page.mouse.wheel(0, -200)
+    screen.page.wait_for_selector("[data-mark='player'][data-zoomed]")
+    screen.marked("whole").click()
+    screen.marked("whole").get_by_text("Whole arm").wait_for()
     screen.button("Over time").click()
     screen.page.wait_for_selector("[data-mark='player'][data-view='time']")
     screen.picture("over-time", tmp_path)

@@ -6,7 +6,7 @@ from urllib.parse import quote
 
 from nicegui import ui
 
-from opcua_skill.client import ClientError, JobReport, JobTrace, Recipe, SkillSummary
+from opcua_skill.client import ClientError, JobReport, JobTrace, JointTrace, Recipe, SkillSummary
 from opcua_skill.panel.frame import Frame, choose
 from opcua_skill.panel.pages.arm import ArmSheet
 from opcua_skill.panel.pages.jobs import JobTable
@@ -36,6 +36,7 @@ class RunPage:
         self.was_active = False
         self.queued: list[str] = []
         self.shown_override = 0
+        self.shown_joints: list[float] = []
         self.station = self.session.station_name
 
     async def open(self, skill: str) -> None:
@@ -65,7 +66,18 @@ class RunPage:
             legend = "grey dashes: planned · blue: commanded · orange: measured"
             ui.label(words(legend)).classes("small soft")
         self.player = Player(words, "max(300px, calc(100vh - 400px))").classes("w-full").props('data-mark="player"')
-        self.player.on("drawn", self.show_plan)
+        self.player.on("drawn", self.drawn)
+
+    async def drawn(self) -> None:
+        """Show the arm and the plan as soon as the browser can draw them."""
+        workstation = self.session.client.workstation(self.station)
+
+        async def read() -> None:
+            self.player.arm(await workstation.links())
+
+        if await self.frame.asked(self.words("Read the arm's links"), read):
+            self.shown_joints = []
+        await self.show_plan()
 
     def _order(self) -> None:
         words = self.words
@@ -258,6 +270,10 @@ class RunPage:
             if (told := round(100.0 * arm.speed_override)) != self.shown_override:
                 self.shown_override = told  # somebody set it, here or elsewhere: the slider never says something else
                 self.override.value = told
+            joints = arm.position.round(4).tolist()
+            if joints != self.shown_joints:
+                self.shown_joints = joints
+                self.player.pose(arm.position)
             if not self.was_active and job is not None:
                 self.player.begin()
             if job is not None and job.mode != "simulation" and job.state in ("Running", "Paused", "Stopping"):
@@ -318,5 +334,11 @@ class RunPage:
 
     async def show_trace(self, job_id: str, play: bool) -> None:
         """Read what a run commanded and measured, and play it."""
-        if (trace := await self._trace(job_id)) is not None:
-            self.player.load(job_id, trace, play=play)
+        found: list[JointTrace] = []
+
+        async def read() -> None:
+            found.append(await self.session.client.workstation(self.station).joint_trace(job_id))
+
+        trace = await self._trace(job_id)
+        if trace is not None and await self.frame.asked(self.words("Read the trace"), read):
+            self.player.load(job_id, trace, found[0], play=play)
