@@ -24,6 +24,8 @@ STATIC = Path(__file__).parent / "static"
 REFRESH_EVERY = 0.25
 PAGES = (("Library", "/"), ("Teach", "/teach"), ("Run", "/run"), ("Records", "/records"))
 BACK_SHOWN = 20.0
+PRESSED = "(event) => { event.currentTarget.pressed = true; emit(); }"
+CLICKED = "(event) => { if (!event.currentTarget.pressed) emit(); event.currentTarget.pressed = false; }"
 LANGUAGE_NAMES = {"en": "English", "de": "Deutsch"}
 MODE_WORDS = {
     "closed": "not in contact",
@@ -120,11 +122,13 @@ def framed(session: PanelSession, here: str) -> Frame:
         ui.space()
         _station_and_connection(frame)
         _person(frame)
-        ui.button(on_click=lambda: _stop(frame, "button")).classes("stop-motion").props(
-            "unelevated no-caps color=negative icon=front_hand"
-        ).props('data-mark="stop"').bind_text_from(
+        stop = ui.button().classes("stop-motion").props("unelevated no-caps color=negative icon=front_hand")
+        stop.props('data-mark="stop"').bind_text_from(
             session, "station_name", lambda name: f"{words('Stop motion')} {name}"
         )
+        # It acts when it is pressed, as a stop does, not when it is let go: a finger that slides off has stopped too.
+        stop.on("pointerdown", lambda: _stop(frame, "button"), js_handler=PRESSED)
+        stop.on("click", lambda: _stop(frame, "button"), js_handler=CLICKED)
     _banners(frame)
     ui.keyboard(on_key=lambda key: _key(frame, key), ignore=[], repeating=False)
     ui.timer(REFRESH_EVERY, lambda: _refresh(frame))

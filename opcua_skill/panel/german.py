@@ -267,6 +267,7 @@ GERMAN: dict[str, str] = {
         "Ziehen dreht, Rad oder zwei Finger vergrößern. Die Glieder sind gezeichnet, wie die Prüfungen sie sehen."
     ),
     "Whole arm": "Ganzer Arm",
+    "the stroke was interrupted: draw it again": "Der Strich wurde unterbrochen: bitte noch einmal zeichnen",
     "Path only": "Nur die Bahn",
     "Read the arm's links": "Glieder des Arms lesen",
     "Export": "Exportieren",

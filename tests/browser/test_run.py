@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from playwright.sync_api import expect
 
-from tests.browser.conftest import PATIENCE, Screen, Screens, away_from_the_browser
+from tests.browser.conftest import FINGERS, PATIENCE, TABLET, TABLET_LYING, Screen, Screens, away_from_the_browser
 
 pytestmark = pytest.mark.browser
 CORNERS = ((0.15, 0.75), (0.35, 0.25), (0.5, 0.7), (0.65, 0.25), (0.85, 0.75))
@@ -68,7 +68,7 @@ def test_three_strokes_are_learned_approved_by_another_and_run(
         if number == 1:
             teacher.draw(stroke(shake))
         else:
-            teacher.touch(stroke(shake), "pen", every=40)
+            teacher.hand.pen(teacher.on_plate(stroke(shake)), every=40)
         teacher.page.locator("[data-mark='count']", has_text=f"{number} demonstrations").wait_for()
     teacher.page.get_by_label("Name of the skill").fill(drawn)
     teacher.says("Ready to learn")
@@ -167,6 +167,23 @@ def test_stop_motion_is_in_reach_in_every_state(plant: Any, screens: Screens, dr
     arm_says(screen, "at rest")
     slow_down(plant, 1.0)
     go_to_the_start(screen.go(f"/run?skill={drawn}"))
+
+
+def test_a_finger_stops_the_arm_as_soon_as_it_presses(plant: Any, screens: Screens, drawn: str) -> None:
+    for viewport in (TABLET_LYING, TABLET):
+        screen = screens.sign_in("mes", f"/run?skill={drawn}", viewport=viewport, **FINGERS)
+        screen.says(r"Version 1 \(deployed\)")
+        screen.page.get_by_role("button", name="Run", exact=True).tap()
+        arm_says(screen, "moving")
+        box = screen.page.locator(".stop-motion").bounding_box()
+        assert box is not None
+        screen.hand.put(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+        arm_says(screen, "protective stop")
+        screen.hand.move(box["x"] - 200, box["y"] + 300)  # it slides off
+        screen.hand.lift()
+        screen.button("Reset: the arm may move again").tap()
+        arm_says(screen, "at rest")
+        go_to_the_start(screen)
 
 
 def test_who_has_the_arm_is_told_to_everybody_and_keeps_others_from_moving_it(

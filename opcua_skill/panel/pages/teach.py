@@ -72,6 +72,9 @@ class TeachPage:
                     ui.label(f"{size}. {told}").classes("small soft")
                 self.plate = Plate(*PLATE_MM, drawing=self.may).props('data-mark="plate"')
                 self.plate.on("stroke", self._stroke)
+                self.plate.on(
+                    "broken", lambda: frame.tell(words("the stroke was interrupted: draw it again"), bad=True)
+                )
             with ui.element("div").classes("stack"):
                 with ui.element("div").classes("sheet stack"):
                     self._list()

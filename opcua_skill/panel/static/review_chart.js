@@ -3,8 +3,10 @@
 import { echarts } from "nicegui-echart";
 
 const GREY = "#9aa9b8", FLAG = "#d97706", BLUE = "#1f5fa8", RED = "#c62828", SOFT = "#5b6b7b", GREEN = "#2e7d32";
-const REACH = 16, DRAWN = 450, CROSS = 3.6;
+const REACH = 16, FINGER = 24, DRAWN = 450, CROSS = 3.6;
 const LINES = [["ghost", SOFT, 2, [8, 5]], ["other", GREEN, 2.5, [2, 4]], ["preview", RED, 2, [6, 5]]];
+
+const finger = (e) => String(e.event?.type).startsWith("touch");
 
 function floats(text) {
   const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
@@ -55,7 +57,10 @@ export default {
       const pan = this.current.tool === "move";
       this.chart.setOption({ dataZoom: this.zooms(pan) });
       this.drawOver();
+      Object.assign(this.$el.dataset, { tool: this.current.tool, target: this.current.target });
       this.$refs.chart.style.cursor = pan ? "grab" : "crosshair";
+      // a finger scrolls the page over the chart, unless it draws a box or moves the lines
+      this.$refs.chart.style.touchAction = pan || this.current.tool === "box" ? "none" : "pan-y";
     },
     // overlay: struck {line: [indices in the current mode]}, excluded [ids], preview / ghost / other: packed paths, highlight id
     overlay(over) {
@@ -124,8 +129,8 @@ export default {
     },
     zooms(pan) {
       return this.grids().flatMap((_, g) => [
-        { id: `zx${g}`, type: "inside", xAxisIndex: g, filterMode: "none", moveOnMouseMove: pan, zoomOnMouseWheel: true },
-        { id: `zy${g}`, type: "inside", yAxisIndex: g, filterMode: "none", moveOnMouseMove: pan, zoomOnMouseWheel: true }]);
+        { id: `zx${g}`, type: "inside", xAxisIndex: g, filterMode: "none", moveOnMouseMove: pan, preventDefaultMouseMove: pan, zoomOnMouseWheel: true },
+        { id: `zy${g}`, type: "inside", yAxisIndex: g, filterMode: "none", moveOnMouseMove: pan, preventDefaultMouseMove: pan, zoomOnMouseWheel: true }]);
     },
     polygons(id, g, shapes, style, z) {
       return { id, type: "custom", xAxisIndex: g, yAxisIndex: g, silent: true, animation: false, z, clip: true, encode: { x: -1, y: -1 },
@@ -208,19 +213,19 @@ export default {
       const gone = this.over.excluded || [];
       for (let i = 0; i < this.lines.length; i++) if (!gone.includes(this.lines[i].id)) yield [i, this.lines[i][this.current.mode]];
     },
-    nearest(x, y) {
+    nearest(x, y, reach = REACH) {
       const g = this.gridAt(x, y);
       if (g < 0) return null;
       const grid = this.grids()[g], { ox, sx, oy, sy } = this.scale(g);
-      let best = null, least = REACH * REACH;
+      let best = null, least = reach * reach;
       for (const [line, set] of this.pickable()) for (let i = 0; i < set.clock.length; i++) {
         const dx = ox + sx * this.value(set, i, grid.x) - x, dy = oy + sy * this.value(set, i, grid.y) - y, away = dx * dx + dy * dy;
         if (away < least) { least = away; best = { line, index: i }; }
       }
       return best;
     },
-    pick(x, y, shift) {
-      const found = this.nearest(x, y);
+    pick(x, y, shift, reach) {
+      const found = this.nearest(x, y, reach);
       if (!found) return;
       const stretch = (shift || this.current.tool === "stretch") && this.anchor && this.anchor.line === found.line;
       if (this.current.tool === "stretch" && !stretch) { this.anchor = found; this.drawOver(); return; }
@@ -257,10 +262,15 @@ export default {
     },
     listen() {
       const zr = this.chart.getZr();
-      let start = null;
-      zr.on("mousedown", (e) => { start = [e.offsetX, e.offsetY]; });
+      let start = null, several = false;
+      const box = this.$refs.box, chart = this.$refs.chart;
+      // two fingers zoom: whatever the first one had begun is not meant
+      const count = (e) => { several = e.touches.length > 1 || (several && e.type !== "touchstart"); if (several) { start = null; box.style.display = "none"; } };
+      for (const name of ["touchstart", "touchmove"]) chart.addEventListener(name, count, { capture: true, passive: true });
+      chart.addEventListener("touchcancel", () => { start = null; box.style.display = "none"; });
+      chart.addEventListener("contextmenu", (e) => e.preventDefault());
+      zr.on("mousedown", (e) => { start = several ? null : [e.offsetX, e.offsetY]; });
       zr.on("mousemove", (e) => {
-        const box = this.$refs.box;
         if (start && this.current.tool === "box") {
           Object.assign(box.style, { display: "block", left: `${Math.min(start[0], e.offsetX)}px`, top: `${Math.min(start[1], e.offsetY)}px`,
             width: `${Math.abs(e.offsetX - start[0])}px`, height: `${Math.abs(e.offsetY - start[1])}px` });
@@ -272,11 +282,11 @@ export default {
       zr.on("mouseup", (e) => {
         const from = start;
         start = null;
-        this.$refs.box.style.display = "none";
+        box.style.display = "none";
         if (!from || this.current.tool === "move") return;
         const moved = Math.hypot(e.offsetX - from[0], e.offsetY - from[1]);
         if (this.current.tool === "box" && moved > 4) this.boxed(from, [e.offsetX, e.offsetY]);
-        else if (moved <= 6) this.pick(e.offsetX, e.offsetY, e.event?.shiftKey);
+        else if (moved <= (finger(e) ? 12 : 6)) this.pick(e.offsetX, e.offsetY, e.event?.shiftKey, finger(e) ? FINGER : REACH);
       });
       zr.on("globalout", () => { this.$refs.tip.style.display = "none"; });
     },
