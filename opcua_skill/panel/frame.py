@@ -57,7 +57,7 @@ class Frame:
         try:
             await work()  # type: ignore[misc]
         except ClientError as error:
-            self.tell(f"{doing}: {error}", bad=True)
+            self.tell(f"{doing}: {self.words.said(error)}", bad=True)
             return False
         return True
 
@@ -201,7 +201,7 @@ def _banners(frame: Frame) -> None:
 
     def show() -> None:
         lost.set_visibility(not session.connected)
-        why.text = session.why_not
+        why.text = words.said(session.why_not)
         if session.times_recovered != seen["recovered"]:
             seen["recovered"], seen["at"] = session.times_recovered, datetime.now().timestamp()
             since = f"{words('The connection is back since')} {datetime.now():%H:%M:%S}"
@@ -214,7 +214,7 @@ def _banners(frame: Frame) -> None:
         if halted:
             arm = session.station.arm
             assert arm is not None
-            stop_text.text = f"■ {session.station_name}: {arm_words(words, session.station)}. {arm.fault}"
+            stop_text.text = f"■ {session.station_name}: {arm_words(words, session.station)}. {words.said(arm.fault)}"
         reset.set_visibility(session.may("reset"))
 
     frame.on_refresh(show)
@@ -228,9 +228,8 @@ async def _stop(frame: Frame, by: str) -> None:
         session.kept["stop told"] = ""
         frame.tell(f"{words('Stop motion taken by')} {station} ({outcome.seconds * 1000:.0f} ms)")
     else:
-        session.kept["stop told"] = (
-            f"✕ {words('STOP MOTION DID NOT REACH')} {station}! {words('Use the emergency stop.')} {outcome.reason}"
-        )
+        told = f"{words('STOP MOTION DID NOT REACH')} {station}! {words('Use the emergency stop.')}"
+        session.kept["stop told"] = f"✕ {told} {words.said(outcome.reason)}"
     _refresh(frame)
 
 

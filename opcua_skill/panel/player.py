@@ -28,6 +28,7 @@ class Player(Element, component=STATIC / "player.js", esm={"panel-links": str(ST
             "error": words("error (mm)"),
             "play": words("Play"),
             "turn": words("Drag to turn, wheel or two fingers to zoom. The links are drawn as the checks see them."),
+            "comma": words.figures("0.5")[1],
             "arm": words("Whole arm"),
             "near": words("Path only"),
         }

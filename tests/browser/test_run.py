@@ -218,7 +218,7 @@ def test_jobs_queue_and_a_run_is_seen_in_space_over_time_and_as_csv(
     queue.get_by_text(f"1. {drawn} 1 · production").wait_for(state="detached")
     slow_down(plant, 1.0)
     screen.page.wait_for_selector("[data-mark='player'][data-loaded^='run-']", timeout=60_000)
-    play = screen.page.locator(".player-button")
+    play = screen.marked("play")
     screen.page.get_by_label("speed of the animation").select_option("0.25")
     if play.inner_text() == "▶":
         play.click()
@@ -268,7 +268,7 @@ def test_german_and_an_observer_who_may_only_look(plant: Any, screens: Screens, 
     assert screen.page.locator("html").get_attribute("lang") == "de"
     screen.picture("german", tmp_path)
     screen.page.locator(".stop-motion").click()
-    screen.says("STOPP HAT NICHT ERREICHT.*BadUserAccessDenied")
+    screen.says("STOPP HAT NICHT ERREICHT.*die Rolle observer darf ProtectiveStop nicht aufrufen.*BadUserAccessDenied")
 
 
 def test_a_recipe_is_checked_in_the_form_and_by_the_server(

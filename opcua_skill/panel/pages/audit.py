@@ -55,7 +55,7 @@ async def audit_page(frame: Frame) -> None:
         try:
             found = await session.client.audit_trail(before=before, limit=PAGE)
         except ClientError as error:
-            refused.text = f"✕ {words('The audit trail is for engineers and administrators.')} {error}"
+            refused.text = f"✕ {words('The audit trail is for engineers and administrators.')} {words.said(error)}"
             return []
         refused.text = ""
         return found
@@ -90,7 +90,13 @@ async def audit_page(frame: Frame) -> None:
                     with ui.element("td").classes("wraps"):
                         ui.label(in_words(one.arguments)).classes("small soft")
                     with ui.element("td").classes("wraps"):
-                        told = words("done") if good else f"{one.status}: {one.reason}" if one.reason else one.status
+                        told = (
+                            words("done")
+                            if good
+                            else f"{one.status}: {words.said(one.reason)}"
+                            if one.reason
+                            else one.status
+                        )
                         ui.label(f"{'✓' if good else '✕'} {told}").classes(
                             f"small {'check-good' if good else 'check-bad'}"
                         )

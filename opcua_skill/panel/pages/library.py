@@ -73,7 +73,7 @@ async def library_page(frame: Frame) -> None:
             refused.text = f"✕ {event.file.name}: {words('this is no exported skill, which is a JSON file')}"
             return
         except ClientError as error:
-            refused.text = f"✕ {event.file.name}: {error}"
+            refused.text = f"✕ {event.file.name}: {words.said(error)}"
             return
         frame.tell(f"{words('Imported')}: {name} {words('version')} {version}")
         await find()

@@ -179,7 +179,8 @@ class RunPage:
         number = recipe.skill_version or skill.version
         why = words("by recipe") if recipe.skill_version else words("deployed") if deployed else words("newest")
         self.which.text = (
-            f"{words('Version')} {number} ({why}) · {words(recipe.timing)} · {1000 * recipe.time_step:g} ms"
+            f"{words('Version')} {number} ({why}) · {words(recipe.timing)} · "
+            f"{words.figures(f'{1000 * recipe.time_step:g} ms')}"
         )
         if self.wanted_version and self.wanted_version != number:
             self.which.text += f" · ⚠ {words('not version')} {self.wanted_version}: {words('make a recipe for it')}"
@@ -192,7 +193,7 @@ class RunPage:
         try:
             path = await self.session.client.path(skill.name, recipe.skill_version or skill.version)
         except ClientError as error:
-            self.refusal.text = f"✕ {error}"
+            self.refusal.text = f"✕ {self.words.said(error)}"
             return
         self.player.plan(in_base(path, recipe))
 
@@ -204,7 +205,7 @@ class RunPage:
             workstation = self.session.client.workstation(self.session.station_name)
             started = await workstation.execute(name or "", recipe_id=recipe or "", mode=mode)
         except ClientError as error:
-            self.refusal.text = f"✕ {error}"
+            self.refusal.text = f"✕ {self.words.said(error)}"
             return
         self.mine = started.job_id
         self.player.begin()

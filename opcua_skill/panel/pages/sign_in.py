@@ -47,7 +47,7 @@ def sign_in_page(sessions: Sessions, browser: str, to: str, accepted: str) -> No
                 try:
                     await sessions.sign_in(browser, user.value or "", password.value or "", language)
                 except ClientError as error:
-                    wrong.text = f"✕ {error}"
+                    wrong.text = f"✕ {words.said(error)}"
                     button.enable()
                     return
                 ui.navigate.to(target)

@@ -14,10 +14,10 @@ export default {
       <canvas ref="space" style="position:absolute;inset:0;width:100%;height:100%;touch-action:none;cursor:grab" v-show="view === 'space'" data-mark="space"></canvas>
       <button type="button" v-show="view === 'space'" @click="whole = !whole; near = 1; drawSpace()" class="player-button" style="position:absolute;right:0;top:0;padding:0 12px" data-mark="whole">{{ whole ? labels.near : labels.arm }}</button></div>
     <div style="display:flex;gap:10px;align-items:center;flex-wrap:nowrap">
-      <button ref="play" type="button" @click="toggle" class="player-button" :disabled="!length" :aria-label="labels.play">{{ playing ? '❚❚' : '▶' }}</button>
+      <button ref="play" data-mark="play" type="button" @click="toggle" class="player-button" :disabled="!length" :aria-label="labels.play">{{ playing ? '❚❚' : '▶' }}</button>
       <input ref="scrub" type="range" min="0" :max="length" step="any" v-model.number="at" @input="playing = false; mark()" class="player-scrub" :disabled="!length" :aria-label="labels.time">
       <select v-model.number="speed" class="player-speed" :aria-label="labels.speed"><option :value="0.25">×¼</option><option :value="1">×1</option><option :value="4">×4</option></select>
-      <span style="font-variant-numeric:tabular-nums;min-width:112px;text-align:right">{{ at.toFixed(2) }} / {{ length.toFixed(2) }} s</span>
+      <span style="font-variant-numeric:tabular-nums;min-width:112px;text-align:right">{{ figure(at, 2) }} / {{ figure(length, 2) }} s</span>
     </div>
     <div style="font-size:13px;color:#5b6b7b;min-height:18px" ref="told">{{ told }}</div></div>`,
   props: { labels: Object, height: String },
@@ -90,11 +90,13 @@ export default {
       while (low < high) { const mid = (low + high + 1) >> 1; if (t[mid] <= this.at) low = mid; else high = mid - 1; }
       return low;
     },
+    tick(value) { return String(value).replace(".", this.labels.comma); },
+    figure(value, digits) { return value.toFixed(digits).replace(".", this.labels.comma); },
     away(i) { const m = this.run.measured[i], c = this.run.commanded[i]; return Math.hypot(m[0] - c[0], m[1] - c[1], m[2] - c[2]); },
     mark() {
       if (!this.run || !this.run.times.length) return;
       const i = this.index(), m = this.run.measured[i];
-      this.told = `x ${m[0].toFixed(1)}  y ${m[1].toFixed(1)}  z ${m[2].toFixed(1)} mm · ${this.labels.away} ${this.away(i).toFixed(3)} mm`;
+      this.told = `x ${this.figure(m[0], 1)}  y ${this.figure(m[1], 1)}  z ${this.figure(m[2], 1)} mm · ${this.labels.away} ${this.figure(this.away(i), 3)} mm`;
       this.update(m);
     },
     update(point) {
@@ -111,7 +113,7 @@ export default {
     points() { return this.run ? [...this.run.commanded, ...this.run.measured] : [...this.planned, ...this.trail]; },
     axis(name, g, vertical) {
       return { type: "value", gridIndex: g, name, nameLocation: "middle", nameGap: vertical ? 42 : 26, scale: true, axisLine: { onZero: false, show: true, lineStyle: { color: INK } },
-        splitLine: { lineStyle: { color: "#e8ecf0" } }, axisLabel: { showMinLabel: false, showMaxLabel: false } };
+        splitLine: { lineStyle: { color: "#e8ecf0" } }, axisLabel: { showMinLabel: false, showMaxLabel: false, formatter: this.tick } };
     },
     line(id, g, data, lineStyle, z) { return { id: `${id}${g}`, type: "line", xAxisIndex: g, yAxisIndex: g, showSymbol: false, silent: true, animation: false, z, lineStyle, data }; },
     draw() {
@@ -138,7 +140,7 @@ export default {
       const over = (points, k) => run ? run.times.map((t, i) => [t, points[i][k]]) : [];
       this.chart.setOption({ animation: false,
         grid: rows.map((g) => ({ left: 64, right: 16, top: 8 + (g * (height - 44)) / 4, height: (height - 44) / 4 - 16 })),
-        xAxis: rows.map((g) => ({ ...this.axis(g === 3 ? `${this.labels.time} (s)` : "", g, false), min: 0, max: run ? this.length : 1, axisLabel: { show: g === 3 } })),
+        xAxis: rows.map((g) => ({ ...this.axis(g === 3 ? `${this.labels.time} (s)` : "", g, false), min: 0, max: run ? this.length : 1, axisLabel: { show: g === 3, formatter: this.tick } })),
         yAxis: rows.map((g) => ({ ...this.axis(g === 3 ? this.labels.error : AXES[g], g, true), splitNumber: 3, scale: g < 3 })),
         series: rows.flatMap((g) => [
           ...(g < 3 ? [this.line("commanded", g, over(run?.commanded, g), { color: BLUE, width: 4, opacity: 0.45 }, 2), this.line("measured", g, over(run?.measured, g), { color: ORANGE, width: 1.5 }, 3)]

@@ -94,6 +94,7 @@ export default {
       const gone = (this.over.excluded || []).includes(line.id) || !line.used;
       return { color: line.flagged ? FLAG : GREY, width: line.flagged ? 1.6 : 1.1, opacity: gone ? 0.5 : 0.85, type: gone ? "dotted" : "solid" };
     },
+    comma(text) { return text.replace(".", this.info.words.comma); },
     names(dim) { return dim === "t" ? `${this.info.words.time} (s)` : `${"xyz"[dim]} (mm)`; },
     draw() {
       this.drawn = true;
@@ -119,9 +120,9 @@ export default {
       this.chart.setOption({ animation: false,
         grid: this.areas(),
         xAxis: grids.map((grid, g) => ({ type: "value", gridIndex: g, name: side || g === n - 1 ? this.names(grid.x) : "", nameLocation: "middle", nameGap: 26, scale: true,
-          axisLine: { onZero: false, lineStyle: { color: SOFT } }, splitLine: { lineStyle: { color: "#e8ecf0" } }, axisLabel: { showMinLabel: false, showMaxLabel: false } })),
+          axisLine: { onZero: false, lineStyle: { color: SOFT } }, splitLine: { lineStyle: { color: "#e8ecf0" } }, axisLabel: { showMinLabel: false, showMaxLabel: false, formatter: (value) => this.comma(String(value)) } })),
         yAxis: grids.map((grid, g) => ({ type: "value", gridIndex: g, name: this.names(grid.y), nameLocation: "middle", nameGap: 40, scale: true,
-          axisLine: { onZero: false, show: true, lineStyle: { color: SOFT } }, splitLine: { lineStyle: { color: "#e8ecf0" } }, axisLabel: { showMinLabel: false, showMaxLabel: false } })),
+          axisLine: { onZero: false, show: true, lineStyle: { color: SOFT } }, splitLine: { lineStyle: { color: "#e8ecf0" } }, axisLabel: { showMinLabel: false, showMaxLabel: false, formatter: (value) => this.comma(String(value)) } })),
         dataZoom: this.zooms(this.current.tool === "move"),
         series }, { notMerge: true });
       this.fit();
@@ -293,8 +294,8 @@ export default {
     hover(x, y) {
       const tip = this.$refs.tip, found = this.info ? this.nearest(x, y) : null;
       if (!found) { tip.style.display = "none"; return; }
-      const set = this.set(found.line), values = [...Array(this.d).keys()].map((k) => `${"xyz"[k]} ${this.value(set, found.index, k).toFixed(1)}`).join("  ");
-      tip.textContent = `${found.line < 0 ? this.info.words.learned : this.lines[found.line].id} · ${values} mm · ${set.clock[found.index].toFixed(2)} s`;
+      const set = this.set(found.line), values = [...Array(this.d).keys()].map((k) => `${"xyz"[k]} ${this.comma(this.value(set, found.index, k).toFixed(1))}`).join("  ");
+      tip.textContent = `${found.line < 0 ? this.info.words.learned : this.lines[found.line].id} · ${values} mm · ${this.comma(set.clock[found.index].toFixed(2))} s`;
       Object.assign(tip.style, { display: "block", left: `${Math.min(x + 14, this.chart.getWidth() - 230)}px`, top: `${Math.max(y - 30, 0)}px` });
     },
     // For tests and benchmarks: where on the screen a sample of a line is.
