@@ -258,6 +258,7 @@ LIBRARY = {
     "{name} version {n} deployed on {where} by {user}": "{name} Version {n} auf {where} bereitgestellt von {user}",
     "{name} version {n} withdrawn from {where} by {user}": "{name} Version {n} von {where} zurückgezogen von {user}",
     "job {x} of {name} is {t}": "Auftrag {x} von {name}: {t}",
+    "job {x} of {name} is {t}: {t2}, {t3}": "Auftrag {x} von {name}: {t}: {t2}, {t3}",
     "job {x} of {name} is {t}: {t2}": "Auftrag {x} von {name}: {t}: {t2}",
     "protective stop on {where}: {t}": "Schutzhalt an {where}: {t}",
     "{method} by {user}: done": "{method} von {user}: erledigt",
