@@ -192,7 +192,8 @@ class Judging:
 
         if await self.page.frame.asked(self.words("Export"), read):
             name = re.sub(r"[^A-Za-z0-9._-]", "_", skill.name).lstrip(".") or "skill"
-            ui.download.content(found[0], f"{name}-{skill.version}.json")
+            with self.page.frame.client:  # the button may have been replaced on the page meanwhile
+                ui.download.content(found[0], f"{name}-{skill.version}.json")
 
     async def _place(self, there: bool, where: str) -> None:
         client, skill = self.session.client, self.skill

@@ -323,7 +323,8 @@ class RunPage:
     async def download(self, job_id: str) -> None:
         """Give a run's commanded and measured path as a CSV file."""
         if (trace := await self._trace(job_id)) is not None:
-            ui.download.content(trace_csv(trace), f"{job_id}.csv")
+            with self.frame.client:  # the table may have been drawn anew meanwhile
+                ui.download.content(trace_csv(trace), f"{job_id}.csv")
 
     async def _trace(self, job_id: str) -> JobTrace | None:
         traces: list[JobTrace] = []

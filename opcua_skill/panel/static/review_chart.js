@@ -268,7 +268,8 @@ export default {
       // two fingers zoom: whatever the first one had begun is not meant
       const count = (e) => { several = e.touches.length > 1 || (several && e.type !== "touchstart"); if (several) { start = null; box.style.display = "none"; } };
       for (const name of ["touchstart", "touchmove"]) chart.addEventListener(name, count, { capture: true, passive: true });
-      chart.addEventListener("touchcancel", () => { start = null; box.style.display = "none"; });
+      // the browser scrolls the page from here on: the chart goes with the finger, which seems to stay where it was
+      chart.addEventListener("pointercancel", () => { start = null; box.style.display = "none"; });
       chart.addEventListener("contextmenu", (e) => e.preventDefault());
       zr.on("mousedown", (e) => { start = several ? null : [e.offsetX, e.offsetY]; });
       zr.on("mousemove", (e) => {
