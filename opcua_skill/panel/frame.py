@@ -191,6 +191,7 @@ def _banners(frame: Frame) -> None:
         back_text = ui.label()
     with ui.element("div").classes("banner banner-bad").props('data-mark="stop-told"') as told:
         told_text = ui.label()
+        ui.button(words("Close"), on_click=lambda: _heard(frame)).props("no-caps flat dense")
     with ui.element("div").classes("banner banner-stop").props('data-mark="protective-stop"') as stop:
         stop_text = ui.label().classes("banner-main")
         reset = ui.button(words("Reset: the arm may move again"), on_click=lambda: _reset(frame)).props(
@@ -229,7 +230,13 @@ async def _stop(frame: Frame, by: str) -> None:
         frame.tell(f"{words('Stop motion taken by')} {station} ({outcome.seconds * 1000:.0f} ms)")
     else:
         told = f"{words('STOP MOTION DID NOT REACH')} {station}! {words('Use the emergency stop.')}"
-        session.kept["stop told"] = f"✕ {told} {words.said(outcome.reason)}"
+        session.kept["stop told"] = f"✕ {datetime.now():%H:%M:%S} {told} {words.said(outcome.reason)}"
+    _refresh(frame)
+
+
+def _heard(frame: Frame) -> None:
+    """Take away that a stop did not get through: only who has read it may."""
+    frame.session.kept["stop told"] = ""
     _refresh(frame)
 
 

@@ -37,8 +37,21 @@ ENDINGS = (
     "Skill", "Another", "Demonstration", "Demonstrations", "Units", "Range", "Components", "Model", "Needed", "Failed",
     "Damaged", "Possible", "Version", "Remark", "Finding", "AnyMore", "Wrong", "Died", "Timeout", "End",
 )  # fmt: skip
-SAYING = ("out_of_range", "invalid", "_left_out", "need")
-KEPT = ("text", "told", "where", "needed", "reason", "words", "detail", "lost", "fault", "message", "first_message")
+SAYING = ("out_of_range", "invalid", "_left_out", "need", "pause", "abort", "stop", "protective_stop")
+KEPT = (
+    "text",
+    "told",
+    "where",
+    "needed",
+    "reason",
+    "words",
+    "detail",
+    "lost",
+    "fault",
+    "message",
+    "because",
+    "comment",
+)
 COMPOSED = {
     "{} {} usable, {} are needed{}: record more, or include some again": (
         str(TooFewDemonstrations(1, 2)),
@@ -78,6 +91,9 @@ def templates(said: ast.expr) -> Iterator[Template]:
         yield [str(one.value) if isinstance(one, ast.Constant) else None for one in said.values]
     elif isinstance(said, ast.BinOp) and isinstance(said.op, ast.Add):
         yield from (a + b for a in templates(said.left) for b in templates(said.right))
+    elif isinstance(said, ast.BoolOp):
+        for one in said.values:
+            yield from templates(one)
     elif isinstance(said, ast.IfExp):
         yield from templates(said.body)
         yield from templates(said.orelse)
@@ -91,6 +107,7 @@ def sentences(file: Path) -> Iterator[tuple[int, Template]]:
             name = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
             an_error = name[:1].isupper() and name.endswith(ENDINGS) and name not in BUILT_IN
             own = isinstance(node.func, ast.Attribute) and name == "__init__"
+            given = [one.value for one in node.keywords if one.arg in KEPT]
             if an_error or own or name in SAYING:
                 given = [*node.args, *(one.value for one in node.keywords)]
         elif isinstance(node, ast.Assign) and getattr(node.targets[0], "id", "") in KEPT:
@@ -155,7 +172,7 @@ def test_no_pattern_stands_twice() -> None:
         ),
         (
             "job run-7 of glue is Failed: ProtectiveStop, mes pressed Stop motion at the panel (button)",
-            "Auftrag run-7 von glue: Fehlgeschlagen: ProtectiveStop, mes hat am Panel „Bewegung stoppen“ gedrückt",
+            "Auftrag run-7 von glue: Fehlgeschlagen: Schutzhalt, mes hat am Panel „Bewegung stoppen“ gedrückt",
         ),
         ("nobody has written this sentence down", "nobody has written this sentence down"),
     ],
