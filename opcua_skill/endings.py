@@ -7,6 +7,8 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
+import numpy as np
+
 from library.description import Failure, JobReport, JobState
 from library.errors import LibraryUnusable
 from library.lifecycle import FINAL_JOB_STATES
@@ -72,7 +74,13 @@ class Endings:
                 pause = min(2.0 * pause, WRITE_AGAIN_AT_MOST)
 
     async def _save(self, job_id: str, trace: Trace) -> None:
-        stored = JobTrace(trace.times, trace.tool_commanded, trace.tool_measured, TRACE_COLUMNS)
+        joints = tuple(f"joint{k + 1} (rad)" for k in range(trace.joints_commanded.shape[1]))
+        stored = JobTrace(
+            trace.times,
+            np.hstack([trace.tool_commanded, trace.joints_commanded]),
+            np.hstack([trace.tool_measured, trace.joints_measured]),
+            TRACE_COLUMNS + joints,
+        )
         await self._library.save_trace(job_id, stored)
 
     async def _write_state(self, job_id: str, end: End, trace_stored: bool, progress: float) -> None:

@@ -7,9 +7,11 @@ from opcua_skill.client.session import Event, Session
 from opcua_skill.client.skills import SkillClient
 from opcua_skill.client.values import (
     ENDED,
+    ArmLinks,
     AuditEntry,
     JobReport,
     JobTrace,
+    JointTrace,
     Learned,
     LearningOptions,
     Limits,
@@ -26,6 +28,7 @@ from opcua_skill.client.workstation import ArmReading, DeployedModel, LockReadin
 __all__ = [
     "APPLICATION_URI",
     "ENDED",
+    "ArmLinks",
     "ArmReading",
     "AuditEntry",
     "ClientError",
@@ -33,6 +36,7 @@ __all__ = [
     "Event",
     "JobReport",
     "JobTrace",
+    "JointTrace",
     "Learned",
     "LearningOptions",
     "Limits",

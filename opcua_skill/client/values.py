@@ -217,6 +217,30 @@ class JobTrace:
     measured: Floats
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class JointTrace:
+    """The joints of a run: ``times`` (n,) s, ``commanded`` and ``measured`` (n, dof) rad; dof 0: not kept."""
+
+    times: Floats
+    commanded: Floats
+    measured: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ArmLinks:
+    """The links of an arm from its base to the nozzle's tip.
+
+    ``origins`` (n, 7) x y z qx qy qz qw: each link's frame in the one before while its joint is at 0, m. ``axes``
+    (n, 3) the axis it turns about in its own frame, 0 0 0 if fixed: the k-th link that turns has joint k.
+    ``capsules`` (m, 8) link, x y z of both ends in the link's frame and radius, m; link -1 is the base.
+    """
+
+    names: tuple[str, ...]
+    origins: Floats
+    axes: Floats
+    capsules: Floats
+
+
 @dataclass(frozen=True, slots=True)
 class AuditEntry:
     """One entry of the audit trail: who asked for what, and what came of it; ``reason`` is empty when it was done."""

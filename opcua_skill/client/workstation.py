@@ -8,7 +8,7 @@ from models.demonstration import Floats
 from opcua_skill.client import wire
 from opcua_skill.client.recorder import Recorder
 from opcua_skill.client.session import Session
-from opcua_skill.client.values import MODES, JobReport, JobTrace, Mode, Started
+from opcua_skill.client.values import MODES, ArmLinks, JobReport, JobTrace, JointTrace, Mode, Started
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,6 +105,19 @@ class Workstation:
             wire.matrix(commanded, len(times or [])),
             wire.matrix(measured, len(times or [])),
         )
+
+    async def joint_trace(self, job_id: str) -> JointTrace:
+        """Return the joints that were commanded and measured during a job."""
+        times, commanded, measured = await self.session.call(self.path, "GetJointTrace", JobId=wire.string(job_id))
+        rows = len(times or [])
+        return JointTrace(np.asarray(times or []), wire.matrix(commanded, rows), wire.matrix(measured, rows))
+
+    async def links(self) -> ArmLinks:
+        """Return the arm's links: what is needed to draw it."""
+        names = ("LinkNames", "LinkOrigins", "LinkAxes", "LinkCapsules")
+        links, origins, axes, capsules = await self.session.read(*(f"{self.path}/Equipment/Arm/{one}" for one in names))
+        shaped = (np.asarray(flat).reshape(-1, width) for flat, width in ((origins, 7), (axes, 3), (capsules, 8)))
+        return ArmLinks(tuple(links), *shaped)
 
     async def model(self, skill_name: str) -> DeployedModel:
         """Return version, digest, means and covariances of a skill deployed here, read from its nodes."""

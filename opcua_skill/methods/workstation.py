@@ -9,6 +9,7 @@ from library.errors import NotFound
 from library.store import SkillLibrary
 from library.values import check_text
 from opcua_skill.arm_lock import ArmLock
+from opcua_skill.endings import TRACE_COLUMNS
 from opcua_skill.jobs import JobEngine, Station
 from opcua_skill.lane import Lane
 from opcua_skill.methods.refusals import Code, out_of_range, refusing
@@ -105,8 +106,17 @@ class WorkstationMethods:
     @refusing(blame="JobId")
     async def get_trace(self, job_id: str) -> tuple[Any, ...]:
         """Return commanded and measured nozzle tip of a run: x y z in m in the arm's base, row-major."""
+        return await self._trace(job_id, slice(0, len(TRACE_COLUMNS)))
+
+    @refusing(blame="JobId")
+    async def get_joint_trace(self, job_id: str) -> tuple[Any, ...]:
+        """Return commanded and measured joints of a run in rad, row-major; none for a run of an older version."""
+        return await self._trace(job_id, slice(len(TRACE_COLUMNS), None))
+
+    async def _trace(self, job_id: str, columns: slice) -> tuple[Any, ...]:
         trace = await self.library.trace(job_id)
-        return (trace.times.tolist(), trace.commanded.ravel().tolist(), trace.measured.ravel().tolist())
+        commanded, measured = trace.commanded[:, columns], trace.measured[:, columns]
+        return (trace.times.tolist(), commanded.ravel().tolist(), measured.ravel().tolist())
 
     @refusing(blame="Comment")
     async def protective_stop(self, comment: str) -> tuple[Any, ...]:

@@ -9,6 +9,7 @@ from asyncua.ua.object_ids import ObjectIds
 from opcua_skill.atomic_skills import SkillParameter, described, motions_of
 from opcua_skill.methods.workstation import WorkstationMethods
 from opcua_skill.nodes.library import COMMENT, JOB_ID, OPERATORS, READERS, RECIPE_ID, SKILL, STATE, method
+from opcua_skill.nodes.links import add_links
 from opcua_skill.nodes.skills import SkillNodes
 from opcua_skill.nodes.tree import Tree, localized, number, numbers, standard, text, texts
 from opcua_skill.nodes.types import DOUBLE, INT32, STRING, UINT32
@@ -55,6 +56,18 @@ def specs(tree: Tree, methods: WorkstationMethods) -> tuple[MethodSpec, ...]:
                 Argument("Times", DOUBLE, 1, "s"),
                 Argument("Commanded", DOUBLE, 1, "nozzle tip x y z in m, row-major"),
                 Argument("Measured", DOUBLE, 1, "nozzle tip x y z in m, row-major"),
+            ),
+            changes=False,
+        ),
+        method(
+            "GetJointTrace",
+            methods.get_joint_trace,
+            READERS,
+            (JOB_ID,),
+            (
+                Argument("Times", DOUBLE, 1, "s"),
+                Argument("Commanded", DOUBLE, 1, "joints in rad, row-major; empty: the run's joints were not kept"),
+                Argument("Measured", DOUBLE, 1, "joints in rad, row-major; empty: the run's joints were not kept"),
             ),
             changes=False,
         ),
@@ -148,6 +161,7 @@ def _add_equipment(tree: Tree, path: str, root: ua.NodeId, settings: Workstation
                 ("JointJerkMaximum", limits.jerk),
             ):
                 tree.property(f"{place}/{label}", node, numbers(values), description="one value a joint, rad and s")
+            add_links(tree, place, node, model)
         for skill in skills:
             if skill not in given:
                 given[skill] = _add_atomic_skill(tree, f"{path}/AtomicSkills/{skill}", atomic, skill)

@@ -174,6 +174,7 @@ def run(server: str, address: Address, *, folder: Path | None = None, on_ready: 
             title="opcua-skill",
             favicon=STATIC / "panel.svg",
             show=False,
+            tailwind=False,  # it would look at every change of the page; panel.css has the few rules that are used
             reload=False,
             show_welcome_message=False,
             storage_secret=secrets.token_urlsafe(32),

@@ -69,7 +69,7 @@ def chart_data(words: Words, skill: Skill, material: Material, flagged: Mapping[
         "lines": lines,
         "path": packed_path(material.path),
         "shapes": _shapes(skill, material.path),
-        "words": {"time": words("time"), "learned": words("learned path")},
+        "words": {"time": words("time"), "learned": words("learned path"), "comma": words.figures("0.5")[1]},
     }
 
 

@@ -166,8 +166,10 @@ def checks(words: Words, skill: Skill) -> list[Check]:
     ]
     error, widest = within("path_error", "max")(skill), _widest(skill)
     if error is not None and widest is not None:
-        found.append(Check(error <= 2.0 * widest, f"{words('path within ±2σ of the people')}: {mm(error)}"))
-    found += [Check(False, str(note)) for note in skill.report.get("notes") or ()]
+        found.append(
+            Check(error <= 2.0 * widest, f"{words('path within ±2σ of the people')}: {words.figures(mm(error))}")
+        )
+    found += [Check(False, words.said(note)) for note in skill.report.get("notes") or ()]
     return found
 
 
@@ -177,15 +179,21 @@ def against_paper(words: Words, skill: Skill) -> list[str]:
     if not isinstance(paper, Mapping):
         return []
     if paper.get("note"):
-        return [f"{words('as published')}: {paper['note']}"]
+        return [f"{words('as published')}: {words.said(paper['note'])}"]
     error, apart = paper.get("path_error") or {}, paper.get("distance") or {}
     told = [
-        f"{words('as published, the path would be off by')} {mm(number(error.get('rms')))} {words('RMS')}, "
-        f"{mm(number(error.get('max')))} {words('at most')}"
+        words.figures(
+            f"{words('as published, the path would be off by')} {mm(number(error.get('rms')))} {words('RMS')}, "
+            f"{mm(number(error.get('max')))} {words('at most')}"
+        )
     ]
     if "max" in apart:
         where = percent(number(apart.get("place")))
-        told.append(f"{words('the two paths are at most')} {mm(number(apart['max']))} {words('apart, at')} {where}")
+        told.append(
+            words.figures(
+                f"{words('the two paths are at most')} {mm(number(apart['max']))} {words('apart, at')} {where}"
+            )
+        )
     return told
 
 
@@ -196,14 +204,16 @@ def since_before(words: Words, skill: Skill) -> list[str]:
         return []
     told = []
     if before.get("note"):
-        return [str(before["note"])]
+        return [words.said(before["note"])]
     apart = before.get("distance") or {}
     if "max" in apart:
         where = percent(number(apart.get("place")))
-        told.append(f"{words('path moved by at most')} {mm(number(apart['max']))}, {words('at')} {where}")
+        told.append(
+            f"{words('path moved by at most')} {words.figures(mm(number(apart['max'])))}, {words('at')} {where}"
+        )
     for key, label, said in CHANGES:
         change = before.get(key) or {}
         was, now = number(change.get("before")), number(change.get("now"))
         if was is not None and now is not None and abs(now - was) > SAME * max(abs(was), abs(now), 1e-9):
-            told.append(f"{words(label)}: {said(was)} → {said(now)}")
+            told.append(f"{words(label)}: {words.figures(said(was))} → {words.figures(said(now))}")
     return told

@@ -24,6 +24,8 @@ STATIC = Path(__file__).parent / "static"
 REFRESH_EVERY = 0.25
 PAGES = (("Library", "/"), ("Teach", "/teach"), ("Run", "/run"), ("Records", "/records"))
 BACK_SHOWN = 20.0
+PRESSED = "(event) => { event.currentTarget.pressed = true; emit(); }"
+CLICKED = "(event) => { if (!event.currentTarget.pressed) emit(); event.currentTarget.pressed = false; }"
 LANGUAGE_NAMES = {"en": "English", "de": "Deutsch"}
 MODE_WORDS = {
     "closed": "not in contact",
@@ -55,7 +57,7 @@ class Frame:
         try:
             await work()  # type: ignore[misc]
         except ClientError as error:
-            self.tell(f"{doing}: {error}", bad=True)
+            self.tell(f"{doing}: {self.words.said(error)}", bad=True)
             return False
         return True
 
@@ -120,11 +122,13 @@ def framed(session: PanelSession, here: str) -> Frame:
         ui.space()
         _station_and_connection(frame)
         _person(frame)
-        ui.button(on_click=lambda: _stop(frame, "button")).classes("stop-motion").props(
-            "unelevated no-caps color=negative icon=front_hand"
-        ).props('data-mark="stop"').bind_text_from(
+        stop = ui.button().classes("stop-motion").props("unelevated no-caps color=negative icon=front_hand")
+        stop.props('data-mark="stop"').bind_text_from(
             session, "station_name", lambda name: f"{words('Stop motion')} {name}"
         )
+        # It acts when it is pressed, as a stop does, not when it is let go: a finger that slides off has stopped too.
+        stop.on("pointerdown", lambda: _stop(frame, "button"), js_handler=PRESSED)
+        stop.on("click", lambda: _stop(frame, "button"), js_handler=CLICKED)
     _banners(frame)
     ui.keyboard(on_key=lambda key: _key(frame, key), ignore=[], repeating=False)
     ui.timer(REFRESH_EVERY, lambda: _refresh(frame))
@@ -190,6 +194,7 @@ def _banners(frame: Frame) -> None:
         back_text = ui.label()
     with ui.element("div").classes("banner banner-bad").props('data-mark="stop-told"') as told:
         told_text = ui.label()
+        ui.button(words("Close"), on_click=lambda: _heard(frame)).props("no-caps flat dense")
     with ui.element("div").classes("banner banner-stop").props('data-mark="protective-stop"') as stop:
         stop_text = ui.label().classes("banner-main")
         reset = ui.button(words("Reset: the arm may move again"), on_click=lambda: _reset(frame)).props(
@@ -200,9 +205,9 @@ def _banners(frame: Frame) -> None:
 
     def show() -> None:
         lost.set_visibility(not session.connected)
-        weakened.text = "; ".join(session.insecure)
+        weakened.text = "; ".join(words.said(one) for one in session.insecure)
         insecure.set_visibility(bool(session.insecure))
-        why.text = session.why_not
+        why.text = words.said(session.why_not)
         if session.times_recovered != seen["recovered"]:
             seen["recovered"], seen["at"] = session.times_recovered, datetime.now().timestamp()
             since = f"{words('The connection is back since')} {datetime.now():%H:%M:%S}"
@@ -215,7 +220,7 @@ def _banners(frame: Frame) -> None:
         if halted:
             arm = session.station.arm
             assert arm is not None
-            stop_text.text = f"■ {session.station_name}: {arm_words(words, session.station)}. {arm.fault}"
+            stop_text.text = f"■ {session.station_name}: {arm_words(words, session.station)}. {words.said(arm.fault)}"
         reset.set_visibility(session.may("reset"))
 
     frame.on_refresh(show)
@@ -229,9 +234,14 @@ async def _stop(frame: Frame, by: str) -> None:
         session.kept["stop told"] = ""
         frame.tell(f"{words('Stop motion taken by')} {station} ({outcome.seconds * 1000:.0f} ms)")
     else:
-        session.kept["stop told"] = (
-            f"✕ {words('STOP MOTION DID NOT REACH')} {station}! {words('Use the emergency stop.')} {outcome.reason}"
-        )
+        told = f"{words('STOP MOTION DID NOT REACH')} {station}! {words('Use the emergency stop.')}"
+        session.kept["stop told"] = f"✕ {datetime.now():%H:%M:%S} {told} {words.said(outcome.reason)}"
+    _refresh(frame)
+
+
+def _heard(frame: Frame) -> None:
+    """Take away that a stop did not get through: only who has read it may."""
+    frame.session.kept["stop told"] = ""
     _refresh(frame)
 
 

@@ -7,14 +7,16 @@ from nicegui.element import Element
 from nicegui.elements.echart import EChart
 
 from models.demonstration import Floats
-from opcua_skill.client import JobTrace, Path, Recipe
+from opcua_skill.client import ArmLinks, JobTrace, JointTrace, Path, Recipe
+from opcua_skill.panel.chart import packed
 from opcua_skill.panel.words import Words
 
 SHOWN_SAMPLES = 1500
+STATIC = FilePath(__file__).parent / "static"
 ECHARTS = EChart  # importing it puts its bundle on the page, which the component below draws with
 
 
-class Player(Element, component=FilePath(__file__).parent / "static" / "player.js"):
+class Player(Element, component=STATIC / "player.js", esm={"panel-links": str(STATIC / "links")}):
     """The player in the browser."""
 
     def __init__(self, words: Words, height: str) -> None:
@@ -25,12 +27,31 @@ class Player(Element, component=FilePath(__file__).parent / "static" / "player.j
             "away": words("measured from commanded"),
             "error": words("error (mm)"),
             "play": words("Play"),
-            "turn": words("Drag to turn. The axes meet in the arm's base. A record holds the nozzle, not the joints."),
+            "turn": words("Drag to turn, wheel or two fingers to zoom. The links are drawn as the checks see them."),
+            "comma": words.figures("0.5")[1],
+            "arm": words("Whole arm"),
+            "near": words("Path only"),
         }
         self._props["height"] = height
 
-    def load(self, job_id: str, trace: JobTrace, *, play: bool) -> None:
-        """Show a run that has ended."""
+    def arm(self, links: ArmLinks) -> None:
+        """Say of which links the arm is made, so that it is drawn wherever its joints are known."""
+        origins, capsules = links.origins.copy(), links.capsules.copy()
+        origins[:, :3] *= 1000.0
+        capsules[:, 1:] *= 1000.0
+        told = {
+            "origins": origins.round(6).tolist(),
+            "axes": links.axes.tolist(),
+            "capsules": capsules.round(3).tolist(),
+        }
+        self.run_method("arm", told)
+
+    def pose(self, joints: Floats) -> None:
+        """Show the arm as it is now: its joints in rad."""
+        self.run_method("pose", np.round(joints, 5).tolist())
+
+    def load(self, job_id: str, trace: JobTrace, joints: JointTrace, *, play: bool) -> None:
+        """Show a run that has ended; without joints the arm is not drawn."""
         shown = spread(len(trace.times))
         self.run_method(
             "load",
@@ -40,6 +61,7 @@ class Player(Element, component=FilePath(__file__).parent / "static" / "player.j
                 "times": np.round(trace.times[shown], 4).tolist(),
                 "commanded": np.round(1000.0 * trace.commanded[shown, :3], 3).tolist(),
                 "measured": np.round(1000.0 * trace.measured[shown, :3], 3).tolist(),
+                "joints": packed(joints.measured[shown]) if joints.measured.size else "",
             },
         )
 

@@ -22,7 +22,7 @@ LABELS: Mapping[str, str] = {
     "ChordTolerance": "Straight lines cut at most",
     "TubeSigmas": "Width of the watched tube",
     "TubePolicy": "Outside the tube",
-    "NozzleTurn": "Turn of the nozzle about its axis",
+    "NozzleTurn": "Turn of the nozzle",
 }
 
 

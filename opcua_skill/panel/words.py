@@ -1,6 +1,7 @@
 """The panel's words: English as written in the pages, German from a table. A test finds every word without German."""
 
 from opcua_skill.panel.german import GERMAN
+from opcua_skill.panel.sentences import SENTENCES, with_comma
 
 LANGUAGES = ("en", "de")
 
@@ -14,6 +15,14 @@ class Words:
     def __call__(self, english: str) -> str:
         """Return the word in this language; English stands in for a word the table lacks."""
         return GERMAN.get(english, english) if self.language == "de" else english
+
+    def said(self, sentence: object) -> str:
+        """Return a sentence of the server, the readers or the client; English where no pattern knows it."""
+        return SENTENCES.say(str(sentence)).words if self.language == "de" else str(sentence)
+
+    def figures(self, text: str) -> str:
+        """Return a text with its numbers as this language writes them."""
+        return with_comma(text) if self.language == "de" else text
 
 
 def language_of(accepted: str) -> str:

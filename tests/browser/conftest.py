@@ -5,9 +5,11 @@ import os
 import re
 import subprocess
 import sys
-from collections.abc import Callable, Coroutine, Iterator
+import time
+from collections.abc import Callable, Coroutine, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +35,8 @@ FLAGS = (
 )
 PANEL_PC = {"width": 1280, "height": 800}
 TABLET = {"width": 768, "height": 1024}
+TABLET_LYING = {"width": 1024, "height": 768}
+FINGERS = {"has_touch": True, "is_mobile": True}
 PATIENCE = 20_000
 SECOND = """
 [[workstations]]
@@ -43,26 +47,6 @@ arm = "xarm6"
 """
 PICTURES = os.environ.get("OPCUA_SKILL_PICTURES", "")
 """Set to docs/pictures, the tests write there the pictures of the how-to page; else they are only looked at."""
-
-TOUCH = """(canvas, [points, pointer, every]) => {
-  const box = canvas.getBoundingClientRect(), scale = box.height / (90 * 1.13);
-  const left = box.left + (box.width - 65 * scale) / 2, bottom = box.bottom - 0.065 * scale * 90;
-  const tell = (name, [x, y], down) => canvas.dispatchEvent(new PointerEvent(name, {
-    bubbles: true, isPrimary: true, pointerId: 7, pointerType: pointer, button: 0, buttons: down ? 1 : 0,
-    clientX: left + 65 * scale * x, clientY: bottom - 90 * scale * y }));
-  canvas.setPointerCapture = () => {};  // there is no such pointer: these events are made here
-  tell("pointerdown", points[0], true);
-  let i = 1;
-  return new Promise((done) => {
-    const step = () => {
-      if (i === points.length) { tell("pointerup", points[i - 1], false); done(); return; }
-      tell("pointermove", points[i], true);
-      i += 1;
-      setTimeout(step, every);
-    };
-    step();
-  });
-}"""
 
 Work = Callable[[], Coroutine[Any, Any, Any]]
 
@@ -81,12 +65,67 @@ def away_from_the_browser(work: Work, tries: int = 3) -> Any:
     return away_from_the_browser(work, tries - 1)
 
 
+class Hand:
+    """Fingers, a palm or a pen on the glass, as the operating system tells the browser of them."""
+
+    def __init__(self, page: Page) -> None:
+        self._browser = page.context.new_cdp_session(page)
+        self._down: dict[int, dict[str, float]] = {}
+
+    def put(self, x: float, y: float, finger: int = 0, *, broad: float = 10.0) -> None:
+        """Put a finger down; ``broad`` is its radius in px: a palm has more than a finger."""
+        self._down[finger] = {"x": x, "y": y, "id": finger, "radiusX": broad, "radiusY": broad}
+        self._tell("touchStart", list(self._down.values()))
+
+    def move(self, x: float, y: float, finger: int = 0) -> None:
+        """Move a finger that is down."""
+        self._down[finger] |= {"x": x, "y": y}
+        self._tell("touchMove", list(self._down.values()))
+
+    def lift(self, finger: int = 0) -> None:
+        """Lift one finger; the others stay."""
+        lifted = self._down.pop(finger)
+        self._tell("touchEnd", [lifted] if self._down else [])
+
+    def taken_away(self) -> None:
+        """Let the operating system take the touch for itself, as it does for a gesture of its own."""
+        self._down.clear()
+        self._tell("touchCancel", [])
+
+    def drag(self, points: Sequence[tuple[float, float]]) -> None:
+        """Draw a line with one finger."""
+        self.put(*points[0])
+        for point in points[1:]:
+            self.move(*point)
+        self.lift()
+
+    def pen(self, points: Sequence[tuple[float, float]], every: int = 0) -> None:
+        """Draw a line with a pen: a point ``every`` ms."""
+        for number, (x, y) in enumerate(points):
+            kind = "mousePressed" if number == 0 else "mouseMoved"
+            self._tell_pen(kind, x, y, 1)
+            time.sleep(every / 1000)
+        self._tell_pen("mouseReleased", *points[-1], 0)
+
+    def _tell(self, kind: str, points: list[dict[str, float]]) -> None:
+        self._browser.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+
+    def _tell_pen(self, kind: str, x: float, y: float, down: int) -> None:
+        told = {"type": kind, "x": x, "y": y, "button": "left", "buttons": down, "clickCount": 1, "pointerType": "pen"}
+        self._browser.send("Input.dispatchMouseEvent", told)
+
+
 @dataclass
 class Screen:
     """One person at one browser."""
 
     page: Page
     base: str
+
+    @cached_property
+    def hand(self) -> Hand:
+        """The hand at this screen, where it is one to touch."""
+        return Hand(self.page)
 
     def go(self, path: str) -> "Screen":
         """Open a page of the panel and wait until it is alive."""
@@ -118,22 +157,22 @@ class Screen:
         x, y = self.page.evaluate(f"getElement({number.removeprefix('c')}).where({line}, {index})")
         return x, y
 
-    def draw(self, points: list[tuple[float, float]]) -> None:
-        """Draw a stroke on the plate; points are shares of its width and height, from the lower left corner."""
+    def on_plate(self, points: list[tuple[float, float]]) -> list[tuple[float, float]]:
+        """Return where on the screen points are; they are shares of the plate, from its lower left corner."""
         box = self.page.locator("canvas.plate").bounding_box()
         assert box is not None
         scale = box["height"] / (90.0 * 1.13)
         left, bottom = box["x"] + (box["width"] - 65.0 * scale) / 2, box["y"] + box["height"] - 0.065 * 90.0 * scale
-        on_screen = [(left + 65.0 * scale * x, bottom - 90.0 * scale * y) for x, y in points]
+        return [(left + 65.0 * scale * x, bottom - 90.0 * scale * y) for x, y in points]
+
+    def draw(self, points: list[tuple[float, float]]) -> None:
+        """Draw a stroke on the plate with the mouse."""
+        on_screen = self.on_plate(points)
         self.page.mouse.move(*on_screen[0])
         self.page.mouse.down()
         for point in on_screen[1:]:
             self.page.mouse.move(*point, steps=3)
         self.page.mouse.up()
-
-    def touch(self, points: list[tuple[float, float]], pointer: str, every: int = 4) -> None:
-        """Draw a stroke with a finger or a pen, as the browser tells it: ``touch`` or ``pen``; a point ``every`` ms."""
-        self.page.locator("canvas.plate").evaluate(TOUCH, [points, pointer, every])
 
     def picture(self, name: str, tmp_path: Path) -> None:
         """Keep a picture of the page as it is."""

@@ -27,6 +27,10 @@ def test_a_killed_server_is_told_and_the_panel_recovers(plant: Any, screens: Scr
     screen.marked("recovered").get_by_text("The connection is back since").wait_for(timeout=60_000)
     screen.page.locator("[data-mark='arm-state']", has_text="at rest").wait_for()
     wait_for_draft(screen, "samples struck (not learned yet)")
+    told = screen.marked("stop-told")
+    told.get_by_text("STOP MOTION DID NOT REACH").wait_for()  # it stays until somebody says that it was read
+    told.get_by_role("button").click()
+    told.wait_for(state="hidden")
     screen.button("Learn again").click()
     screen.says(r"recovers · version 2")
 

@@ -5,10 +5,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from playwright.sync_api import expect
 
 from models.people import simulated_people
 from opcua_skill.client import LearningOptions
-from tests.browser.conftest import Screen, Screens, away_from_the_browser
+from tests.browser.conftest import FINGERS, PATIENCE, TABLET, TABLET_LYING, Screen, Screens, away_from_the_browser
 
 pytestmark = pytest.mark.browser
 BUMP = 0.012
@@ -38,6 +39,11 @@ def struck(screen: Screen) -> int:
     return int(words.split()[0]) if "samples struck" in words else 0
 
 
+def choose_tool(screen: Screen, name: str) -> None:
+    screen.button(name).click()
+    screen.page.wait_for_selector(f".chart[data-tool='{name.lower()}']")
+
+
 def wait_for_draft(screen: Screen, text: str) -> None:
     screen.page.locator("[data-mark='draft']", has_text=text).wait_for()
 
@@ -48,6 +54,7 @@ def test_striking_a_stretch_and_undoing_it(plant: Any, screens: Screens, tmp_pat
     screen.chart()
     screen.page.mouse.click(*screen.where(2, 120))
     wait_for_draft(screen, "samples struck (not learned yet)")
+    screen.page.wait_for_selector(".chart[data-marked='1']")  # the cross was there before the server was asked
     one = struck(screen)
     screen.page.keyboard.down("Shift")
     screen.page.mouse.click(*screen.where(2, 150))
@@ -117,11 +124,17 @@ def test_nobody_approves_what_they_taught_and_both_browsers_see_the_approval(
     second.picture("approved", tmp_path)
 
 
-def test_a_box_and_the_learned_path_strike_samples_of_all(plant: Any, screens: Screens) -> None:
+@pytest.fixture(scope="module")
+def boxed(plant: Any) -> str:
+    """A skill from which nobody learns again."""
     teach(plant, "boxed")
-    screen = screens.sign_in("teacher", "/skill/boxed")
+    return "boxed"
+
+
+def test_a_box_and_the_learned_path_strike_samples_of_all(screens: Screens, boxed: str) -> None:
+    screen = screens.sign_in("teacher", f"/skill/{boxed}")
     screen.chart()
-    screen.page.get_by_role("button", name="Box", exact=True).click()
+    choose_tool(screen, "Box")
     (left, top), (right, bottom) = screen.where(-1, 200), screen.where(-1, 240)
     margin = 12
     screen.page.mouse.move(min(left, right) - margin, min(top, bottom) - margin)
@@ -134,10 +147,63 @@ def test_a_box_and_the_learned_path_strike_samples_of_all(plant: Any, screens: S
     wait_for_draft(screen, "Nothing is taken out (as learned)")
     screen.marked("target").click()
     screen.page.get_by_role("option", name="of all, along the path").click()
-    screen.page.get_by_role("button", name="Point", exact=True).click()
+    choose_tool(screen, "Point")
+    screen.page.wait_for_selector(".chart[data-target='all']")
     screen.page.mouse.click(*screen.where(-1, 120))
     wait_for_draft(screen, "samples struck (not learned yet)")
     assert struck(screen) >= 6, "one sample or more of each of six demonstrations"
+
+
+@pytest.mark.parametrize("viewport", [TABLET_LYING, TABLET], ids=["lying", "standing"])
+def test_fingers_strike_scroll_and_zoom_without_taking_one_for_another(
+    screens: Screens, boxed: str, viewport: dict[str, int]
+) -> None:
+    screen = screens.sign_in("teacher", f"/skill/{boxed}", viewport=viewport, **FINGERS)
+    screen.chart().scroll_into_view_if_needed()
+    undo_all(screen)
+    screen.page.touchscreen.tap(*screen.where(2, 150))
+    wait_for_draft(screen, "samples struck (not learned yet)")
+    one, hand = struck(screen), screen.hand
+
+    x, y = screen.where(-1, 250)
+    hand.drag([(x, y - 20 * step) for step in range(12)])
+    screen.page.wait_for_function("scrollY > 50")
+    assert struck(screen) == one, "a finger that scrolls strikes nothing"
+
+    choose_tool(screen, "Box")
+    before, (x, y) = screen.where(-1, 100), screen.where(-1, 250)
+    hand.put(x - 30, y)
+    hand.put(x + 30, y, finger=1)
+    for step in range(1, 8):
+        hand.move(x - 30 - 6 * step, y)
+        hand.move(x + 30 + 6 * step, y, finger=1)
+    hand.lift(finger=1)
+    hand.lift()
+    screen.page.wait_for_function(
+        "([id, x]) => Math.abs(getElement(id).where(-1, 100)[0] - x) > 5", arg=[chart_id(screen), before[0]]
+    )
+    assert struck(screen) == one, "two fingers zoom"
+    assert screen.page.evaluate("visualViewport.scale") == 1, "the chart is zoomed, not the page"
+
+    x, y = screen.where(-1, 250)
+    hand.drag([(x - 40 + 8 * step, y - 40 + 8 * step) for step in range(11)])
+    screen.page.wait_for_function(
+        f"parseInt(document.querySelector('[data-mark=draft]').textContent) > {one}", timeout=20_000
+    )
+    screen.marked("undo").click()  # a tap within 0.1 s of a drag elsewhere is none to the browser
+    wait_for_draft(screen, f"{one} samples struck")
+
+
+def undo_all(screen: Screen) -> None:
+    """Take every step back: drafts are kept for who comes again."""
+    said = screen.marked("draft")
+    while "Nothing is taken out" not in (before := said.inner_text()):
+        screen.marked("undo").click()
+        expect(said).not_to_have_text(before, timeout=PATIENCE)
+
+
+def chart_id(screen: Screen) -> int:
+    return int((screen.chart().get_attribute("id") or "").removeprefix("c"))
 
 
 def test_versions_stand_side_by_side_and_go_out_and_come_back(plant: Any, screens: Screens, tmp_path: Path) -> None:

@@ -2,13 +2,14 @@
 
 import itertools
 import math
+import re
 from pathlib import Path
 from typing import Any
 
 import pytest
 from playwright.sync_api import expect
 
-from tests.browser.conftest import PATIENCE, Screen, Screens, away_from_the_browser
+from tests.browser.conftest import FINGERS, PATIENCE, TABLET, TABLET_LYING, Screen, Screens, away_from_the_browser
 
 pytestmark = pytest.mark.browser
 CORNERS = ((0.15, 0.75), (0.35, 0.25), (0.5, 0.7), (0.65, 0.25), (0.85, 0.75))
@@ -67,7 +68,7 @@ def test_three_strokes_are_learned_approved_by_another_and_run(
         if number == 1:
             teacher.draw(stroke(shake))
         else:
-            teacher.touch(stroke(shake), "pen", every=40)
+            teacher.hand.pen(teacher.on_plate(stroke(shake)), every=40)
         teacher.page.locator("[data-mark='count']", has_text=f"{number} demonstrations").wait_for()
     teacher.page.get_by_label("Name of the skill").fill(drawn)
     teacher.says("Ready to learn")
@@ -168,6 +169,24 @@ def test_stop_motion_is_in_reach_in_every_state(plant: Any, screens: Screens, dr
     go_to_the_start(screen.go(f"/run?skill={drawn}"))
 
 
+def test_a_finger_stops_the_arm_as_soon_as_it_presses(plant: Any, screens: Screens, drawn: str) -> None:
+    for viewport in (TABLET_LYING, TABLET):
+        screen = screens.sign_in("mes", f"/run?skill={drawn}", viewport=viewport, **FINGERS)
+        screen.says(r"Version 1 \(deployed\)")
+        if viewport is TABLET_LYING:
+            screen.button("Run").tap()
+            arm_says(screen, "moving")
+        box = screen.page.locator(".stop-motion").bounding_box()
+        assert box is not None
+        screen.hand.put(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+        arm_says(screen, "protective stop")
+        screen.hand.move(box["x"] - 200, box["y"] + 300)  # it slides off
+        screen.hand.lift()
+        screen.button("Reset: the arm may move again").tap()
+        arm_says(screen, "at rest")
+    go_to_the_start(screen)
+
+
 def test_who_has_the_arm_is_told_to_everybody_and_keeps_others_from_moving_it(
     plant: Any, screens: Screens, drawn: str, tmp_path: Path
 ) -> None:
@@ -200,7 +219,7 @@ def test_jobs_queue_and_a_run_is_seen_in_space_over_time_and_as_csv(
     queue.get_by_text(f"1. {drawn} 1 · production").wait_for(state="detached")
     slow_down(plant, 1.0)
     screen.page.wait_for_selector("[data-mark='player'][data-loaded^='run-']", timeout=60_000)
-    play = screen.page.locator(".player-button")
+    play = screen.marked("play")
     screen.page.get_by_label("speed of the animation").select_option("0.25")
     if play.inner_text() == "▶":
         play.click()
@@ -218,8 +237,16 @@ def test_jobs_queue_and_a_run_is_seen_in_space_over_time_and_as_csv(
     screen.page.mouse.down()
     screen.page.mouse.move(box["x"] + 160, box["y"] + 110, steps=3)
     screen.page.mouse.up()
-    screen.page.wait_for_selector("[data-mark='player'][data-turned]")
+    player = screen.page.locator("[data-mark='player'][data-turned]")
+    expect(player).to_have_attribute("data-links", re.compile("^[1-9]"), timeout=PATIENCE)
+    number = (player.get_attribute("id") or "").removeprefix("c")
+    by_links, recorded = screen.page.evaluate(f"getElement({number}).tips()")
+    assert by_links == pytest.approx(recorded, abs=0.01), "the links hold the nozzle where the record has it"
     screen.picture("space", tmp_path)
+    screen.page.mouse.wheel(0, -200)
+    screen.page.wait_for_selector("[data-mark='player'][data-zoomed]")
+    screen.marked("whole").click()
+    screen.marked("whole").get_by_text("Whole arm").wait_for()
     screen.button("Over time").click()
     screen.page.wait_for_selector("[data-mark='player'][data-view='time']")
     screen.picture("over-time", tmp_path)
@@ -242,7 +269,7 @@ def test_german_and_an_observer_who_may_only_look(plant: Any, screens: Screens, 
     assert screen.page.locator("html").get_attribute("lang") == "de"
     screen.picture("german", tmp_path)
     screen.page.locator(".stop-motion").click()
-    screen.says("STOPP HAT NICHT ERREICHT.*BadUserAccessDenied")
+    screen.says("STOPP HAT NICHT ERREICHT.*die Rolle observer darf ProtectiveStop nicht aufrufen.*BadUserAccessDenied")
 
 
 def test_a_recipe_is_checked_in_the_form_and_by_the_server(

@@ -8,24 +8,62 @@ import numpy as np
 import pytest
 
 from models.people import simulated_people
-from tests.browser.conftest import TABLET, Screens, away_from_the_browser
+from tests.browser.conftest import FINGERS, TABLET, TABLET_LYING, Screen, Screens, away_from_the_browser
 from tests.browser.test_run import stroke
 
 pytestmark = pytest.mark.browser
 
 
-@pytest.mark.parametrize("pointer", ["touch", "pen"])
-def test_finger_and_pen_draw_demonstrations_on_a_tablet(screens: Screens, pointer: str, tmp_path: Path) -> None:
-    screen = screens.sign_in("teacher", "/teach", viewport=TABLET, has_touch=True)
+def counted(screen: Screen, number: int) -> None:
+    screen.page.locator("[data-mark='count']", has_text=f"{number} demonstrations").wait_for()
+
+
+def lengths(screen: Screen) -> list[float]:
+    """Return how long the drawn strokes are as listed, mm."""
+    rows = screen.page.locator(".demo").all_inner_texts()
+    return [float(row.split("\n")[1].split("\xa0")[0]) for row in rows]
+
+
+@pytest.mark.parametrize("viewport", [TABLET_LYING, TABLET], ids=["lying", "standing"])
+def test_fingers_palm_and_pen_draw_whole_strokes_on_a_tablet(
+    screens: Screens, viewport: dict[str, int], tmp_path: Path
+) -> None:
+    screen = screens.sign_in("teacher", "/teach", viewport=viewport, **FINGERS)
     screen.page.wait_for_selector("canvas.plate")
-    screen.button("Discard all").first.click()
-    assert screen.page.locator("canvas.plate").evaluate("(one) => getComputedStyle(one).touchAction") == "none"
-    for number, shake in enumerate((0.0, 0.01), start=1):
-        screen.touch(stroke(shake), pointer)
-        screen.page.locator("[data-mark='count']", has_text=f"{number} demonstrations").wait_for()
-    screen.picture("tablet", tmp_path)
-    screen.button("Discard all").first.click()
-    screen.page.locator("[data-mark='count']", has_text="0 demonstrations").wait_for()
+    screen.button("Discard all").first.tap()
+    screen.page.evaluate("scrollTo(0, 0)")
+    hand, path = screen.hand, screen.on_plate(stroke(0.0))
+    hand.drag(path)
+    counted(screen, 1)
+
+    hand.put(*path[0])
+    for number, point in enumerate(path[1:], start=1):
+        hand.move(*point)
+        if number == 10:
+            hand.put(point[0] + 90, point[1] + 60, finger=1)  # another finger joins, moves and leaves
+        if number == 15:
+            hand.move(point[0] + 40, point[1] + 90, finger=1)
+        if number == 20:
+            hand.lift(finger=1)
+    hand.lift()
+    counted(screen, 2)
+
+    hand.put(path[0][0] + 80, path[0][1] + 120, finger=2, broad=60.0)  # the hand lies down before the pen
+    hand.pen(path)
+    hand.lift(finger=2)
+    counted(screen, 3)
+    whole = lengths(screen)
+    assert max(whole) - min(whole) <= 2.0, whole
+
+    hand.put(*path[0])
+    hand.move(*path[5])
+    hand.taken_away()
+    screen.says("the stroke was interrupted: draw it again")
+    counted(screen, 3)
+    assert screen.page.evaluate("[scrollY, visualViewport.scale]") == [0, 1], "drawing moves the stroke, not the page"
+    screen.picture("tablet-lying" if viewport is TABLET_LYING else "tablet", tmp_path)
+    screen.button("Discard all").first.tap()
+    counted(screen, 0)
 
 
 def nexus(folder: Path) -> Path:

@@ -1,5 +1,6 @@
 """Motion-capture files written as their makers write them: two markers, of which the second is lost for a while."""
 
+import struct
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -94,6 +95,48 @@ def c3d_file(path: Path) -> Path:
     points[:3] = WAYS.transpose(2, 0, 1)
     content["data"]["points"] = points
     content.write(str(path))
+    return path
+
+
+def c3d_by_the_standard(path: Path, *, scale: float) -> Path:
+    """Write a C3D byte by byte, by the C3D file format's user guide (Motion Lab Systems), without anybody's library.
+
+    A positive ``scale`` (mm) stores 16-bit integers, as camera systems do, a negative one 32-bit floats.
+    """
+
+    def entry(name: str, group: int, body: bytes) -> bytes:
+        return bytes([len(name), group & 0xFF]) + name.encode() + struct.pack("<H", len(body) + 3) + body + b"\0"
+
+    def parameter(name: str, kind: int, sizes: list[int], values: bytes) -> bytes:
+        return entry(name, 1, struct.pack("<bB", kind, len(sizes)) + bytes(sizes) + values)
+
+    entries = entry("POINT", -1, b"") + b"".join(
+        (
+            parameter("USED", 2, [], struct.pack("<h", 2)),
+            parameter("FRAMES", 2, [], struct.pack("<h", FRAMES)),
+            parameter("SCALE", 4, [], struct.pack("<f", scale)),
+            parameter("DATA_START", 2, [], struct.pack("<h", 3)),
+            parameter("RATE", 4, [], struct.pack("<f", RATE)),
+            parameter("UNITS", -1, [4], b"mm  "),
+            parameter("LABELS", -1, [8, 2], b"Wrist   Tool    "),
+        )
+    )
+    head = bytearray(512)
+    head[:2] = bytes([2, 0x50])
+    struct.pack_into("<5H", head, 2, 2, 0, 1, FRAMES, 10)
+    struct.pack_into("<fHHf", head, 12, scale, 3, 0, RATE)
+    parameters = (bytes([1, 0x50, 1, 84]) + entries).ljust(512, b"\0")
+    assert len(parameters) == 512
+    data = b""
+    for points in WAYS.transpose(1, 0, 2):
+        for x, y, z in points.tolist():
+            seen = np.isfinite([x, y, z]).all()
+            place = [x, y, z] if seen else [0.0, 0.0, 0.0]
+            if scale < 0.0:
+                data += struct.pack("<4f", *place, 0.0 if seen else -1.0)
+            else:
+                data += struct.pack("<3hH", *(round(value / scale) for value in place), 0 if seen else 0xFFFF)
+    path.write_bytes(bytes(head) + parameters + data.ljust(-(-len(data) // 512) * 512, b"\0"))
     return path
 
 

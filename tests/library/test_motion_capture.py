@@ -9,7 +9,18 @@ import pytest
 
 from library.errors import ChoiceNeeded, ReaderError
 from library.readers import Choices, c3d, read, ros_bag
-from tests.library.capture_files import FORMATS, RATE, TIMES, WAYS, c3d_file, motive, rosbag_folder, trc, vicon
+from tests.library.capture_files import (
+    FORMATS,
+    RATE,
+    TIMES,
+    WAYS,
+    c3d_by_the_standard,
+    c3d_file,
+    motive,
+    rosbag_folder,
+    trc,
+    vicon,
+)
 
 
 @pytest.mark.parametrize("name", FORMATS)
@@ -147,6 +158,16 @@ def test_c3d_gives_unit_rate_and_gaps(tmp_path: Path) -> None:
         path.write_bytes(whole[:cut])
         with pytest.raises(ReaderError):
             read(path, Choices(marker="Tool"))
+
+
+@pytest.mark.parametrize(("scale", "exact"), [(0.05, 0.025e-3), (-0.05, 1e-8)], ids=["integers", "floats"])
+def test_a_c3d_made_by_the_standard_alone_is_read(tmp_path: Path, scale: float, exact: float) -> None:
+    pytest.importorskip("ezc3d")
+    path = c3d_by_the_standard(tmp_path / "standard.c3d", scale=scale)
+    for marker, name in enumerate(("Wrist", "Tool")):
+        (way,) = read(path, Choices(marker=name))
+        np.testing.assert_allclose(way.points, WAYS[marker] * 0.001, atol=exact + 1e-9)
+        np.testing.assert_allclose(way.times, TIMES, atol=1e-12)
 
 
 def test_a_parser_that_crashes_takes_nobody_with_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -280,6 +280,7 @@ UNKNOWN = [
     row("unknown skill", "engineer", PUT, lambda s, w: put(s, w, recipe_id="new", skill_name="none"), MISSING),
     row("unknown job", "visitor", f"{LIBRARY}/GetJob", lambda s, w: {"JobId": text("none")}, MISSING, "JobId", MISSING),
     row("unknown job", "visitor", f"{WS1}/GetJob", lambda s, w: {"JobId": text("none")}, MISSING, "JobId", MISSING),
+    row("unknown job", "visitor", f"{WS1}/GetJointTrace", lambda s, w: {"JobId": text("none")}, MISSING, "JobId", MISSING),
     row("unknown job", "visitor", f"{WS1}/GetTrace", lambda s, w: {"JobId": text("none")}, MISSING, "JobId", MISSING),
     row("unknown job", "mes", f"{WS1}/PauseJob", lambda s, w: steering("none"), MISSING, "JobId", MISSING),
     row("unknown job", "mes", f"{WS1}/ResumeJob", lambda s, w: steering("none"), MISSING, "JobId", MISSING),

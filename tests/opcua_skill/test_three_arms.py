@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 import pytest_asyncio
+from scipy.spatial.transform import Rotation
 from small_corner import small_corner
 
-from opcua_skill.client import JobReport, JobTrace, Mode, Recipe, Skill, SkillClient
+from opcua_skill.client import ArmLinks, JobReport, JobTrace, Mode, Recipe, Skill, SkillClient
 from sim.arms import load
 
 if TYPE_CHECKING:
@@ -129,6 +130,33 @@ async def test_the_same_skill_and_recipe_run_on_all_three_unchanged(deployed: Ce
         assert np.abs(driven - wanted).max() < 1e-8, "every arm follows the very same points"
         apart = np.linalg.norm(trace.measured - trace.commanded, axis=1)
         assert (np.sqrt(np.mean(apart**2)), apart.max()) == pytest.approx(report.tracking_error)
+
+
+def tip_by_the_links(links: ArmLinks, joints: np.ndarray) -> np.ndarray:
+    """Return where the nozzle's tip is (n, 3), as a client reckons that knows nothing but what the server tells."""
+    at, turn, moving = np.zeros((len(joints), 3)), Rotation.from_rotvec(np.zeros((len(joints), 3))), 0
+    for origin, axis in zip(links.origins, links.axes, strict=True):
+        at, turn = at + turn.apply(origin[:3]), turn * Rotation.from_quat(origin[3:])
+        if axis.any():
+            turn, moving = turn * Rotation.from_rotvec(np.outer(joints[:, moving], axis)), moving + 1
+    assert moving == joints.shape[1]
+    return at
+
+
+async def test_the_links_told_put_the_nozzle_where_the_record_has_it(deployed: Cell) -> None:
+    for arm in ARMS:
+        report = await deployed.run(arm, deployed.recipe.recipe_id, "simulation")
+        station = deployed.people["mes"].workstation(arm)
+        trace, joints = await station.trace(report.job_id), await station.joint_trace(report.job_id)
+        links, reading = await station.links(), await station.arm()
+        assert np.array_equal(joints.times, trace.times)
+        assert np.abs(tip_by_the_links(links, joints.commanded) - trace.commanded).max() < 1e-9
+        assert np.abs(tip_by_the_links(links, joints.measured) - trace.measured).max() < 1e-9
+        assert np.abs(tip_by_the_links(links, reading.position[None]) - reading.tool_pose[:3]).max() < 1e-9
+        covered = set(links.capsules[:, 0])
+        assert covered <= set(range(-1, len(links.names)))
+        assert len(covered) > load(arm).dof, "every link that moves can be drawn, and the base"
+        assert (links.capsules[:, 7] > 0.0).all()
 
 
 async def test_what_was_dry_run_is_what_runs(deployed: Cell) -> None:

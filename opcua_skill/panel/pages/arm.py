@@ -41,7 +41,7 @@ class ArmSheet:
         self.mode.text = arm_words(words, station)
         if arm is not None:
             x, y, z = (round(1000.0 * value, 1) + 0.0 for value in arm.tool_pose[:3])
-            self.tool.text = f"{words('nozzle')} x {x:.1f}  y {y:.1f}  z {z:.1f} mm"
+            self.tool.text = f"{words('nozzle')} {words.figures(f'x {x:.1f}  y {y:.1f}  z {z:.1f} mm')}"
             self.joints.text = f"{words('joints')} {'  '.join(f'{math.degrees(one):.0f}' for one in arm.position)} °"
         mine = session.has_lock(session.station_name)
         others = lock is not None and lock.locked and not mine

@@ -1,6 +1,7 @@
 """The audit trail: who asked for what on this server, and what came of it; the newest first, nothing can change it."""
 
 import json
+import re
 from typing import Any
 
 from nicegui import ui
@@ -10,6 +11,7 @@ from opcua_skill.panel.frame import Frame
 
 PAGE = 100
 LONGEST = 160
+DIGEST = re.compile(r"\b([0-9a-f]{12})[0-9a-f]{52}\b")
 SIGN_IN = "SignIn"
 
 
@@ -20,6 +22,7 @@ def in_words(arguments: Any) -> str:
         for name, value in dict(arguments).items()
         if value not in ("", [], None)
     )
+    said = DIGEST.sub(r"\1…", said)
     return said if len(said) <= LONGEST else f"{said[: LONGEST - 1]}…"
 
 
@@ -55,7 +58,7 @@ async def audit_page(frame: Frame) -> None:
         try:
             found = await session.client.audit_trail(before=before, limit=PAGE)
         except ClientError as error:
-            refused.text = f"✕ {words('The audit trail is for engineers and administrators.')} {error}"
+            refused.text = f"✕ {words('The audit trail is for engineers and administrators.')} {words.said(error)}"
             return []
         refused.text = ""
         return found
@@ -87,10 +90,16 @@ async def audit_page(frame: Frame) -> None:
                     for cell in (str(one.entry_id), when, one.actor, words(one.role), one.action, place_of(one.target)):
                         with ui.element("td"):
                             ui.label(cell)
-                    with ui.element("td").classes("wraps"):
+                    with ui.element("td").classes("wraps half-wide"):
                         ui.label(in_words(one.arguments)).classes("small soft")
-                    with ui.element("td").classes("wraps"):
-                        told = words("done") if good else f"{one.status}: {one.reason}" if one.reason else one.status
+                    with ui.element("td").classes("wraps half-wide"):
+                        told = (
+                            words("done")
+                            if good
+                            else f"{one.status}: {words.said(one.reason)}"
+                            if one.reason
+                            else one.status
+                        )
                         ui.label(f"{'✓' if good else '✕'} {told}").classes(
                             f"small {'check-good' if good else 'check-bad'}"
                         )

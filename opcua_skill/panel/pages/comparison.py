@@ -52,7 +52,8 @@ class Comparison:
         away, where = largest_change(path, self.page.version.material.path)
         self.page.judging.change.text = (
             f"┄ {words('version')} {version} ({words('green, dotted')}): "
-            f"{words('at most')} {mm(away)} {words('away')}, {words('at')} {percent(where)} {words('of the way')}"
+            f"{words('at most')} {words.figures(mm(away))} {words('away')}, "
+            f"{words('at')} {percent(where)} {words('of the way')}"
         )
 
     def remove(self, version: int) -> None:
@@ -101,13 +102,15 @@ class Comparison:
             with ui.element("td").classes("soft"):
                 ui.label(words(figure.label))
             with ui.element("td"):
-                ui.label(figure.said(figure.read(here))).classes("mono")
+                ui.label(words.figures(figure.said(figure.read(here)))).classes("mono")
             for one in others:
                 mark = figure.mark(here, one)
                 with ui.element("td"):
-                    ui.label(figure.said(figure.read(one))).classes("mono" + (" sheet-title" if mark else ""))
+                    ui.label(words.figures(figure.said(figure.read(one)))).classes(
+                        "mono" + (" sheet-title" if mark else "")
+                    )
                     if mark:
-                        ui.label(f"{SIGNS[mark]} {words(mark)}: {figure.difference(here, one)}").classes(
+                        ui.label(f"{SIGNS[mark]} {words(mark)}: {words.figures(figure.difference(here, one))}").classes(
                             f"small mark-{mark}"
                         )
 
@@ -121,7 +124,7 @@ class Comparison:
             for one in others:
                 away, where = largest_change(self.page.version.material.path, self.beside[one.version][1])
                 with ui.element("td"):
-                    ui.label(f"{mm(away)} {words('at')} {percent(where)}").classes("mono")
+                    ui.label(f"{words.figures(mm(away))} {words('at')} {percent(where)}").classes("mono")
 
     def _notes(self, here: Skill, others: list[Skill]) -> None:
         with ui.element("tr"):

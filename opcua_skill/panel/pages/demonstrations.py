@@ -46,13 +46,13 @@ class DemonstrationList:
             label.tooltip(" · ".join(part for part in (raw.operator, raw.source, f"{len(raw.times)} samples") if part))
             with ui.element("div").classes("line").style("width:auto;flex-wrap:nowrap;gap:2px"):
                 there = f" · {percent(error['place'])}" if error.get("place") is not None else ""
-                ui.label(f"{mm(error.get('max'), 1)}{there}").classes("small mono")
+                ui.label(words.figures(f"{mm(error.get('max'), 1)}{there}")).classes("small mono")
                 back = ui.button(icon="restore", on_click=lambda: self._restore(name)).props("flat dense round size=xs")
                 back.tooltip(words("Take its struck samples in again"))
             if name in page.version.flagged:
                 place = verdict.get("place")
                 where = f"{words('at')} {percent(place)}: " if place is not None else ""
-                ui.label(f"⚠ {where}{page.version.flagged[name]}").classes("demo-why")
+                ui.label(f"⚠ {where}{words.said(page.version.flagged[name])}").classes("demo-why")
             elif verdict.get("fault") == "excluded":
                 ui.label(words("taken out by a person")).classes("demo-why soft")
         row.on("mouseenter", lambda: page.chart.overlay(highlight=name), throttle=0.15)

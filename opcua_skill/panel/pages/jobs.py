@@ -63,10 +63,12 @@ class JobTable:
             with ui.element("td").classes("wraps"):
                 ui.html(state_tag(words, one.state), sanitize=False)
                 if one.failure != "None":
-                    ui.label(f"{one.failure}: {one.message}").classes("small check-bad")
+                    ui.label(f"{words(one.failure)}: {words.said(one.message)}").classes("small check-bad")
             with ui.element("td"):
                 rms, largest = one.tracking_error
-                ui.label(f"{mm(rms, 3)} / {mm(largest, 3)}" if one.state == "Completed" else "–").classes("mono")
+                ui.label(
+                    words.figures(f"{mm(rms, 3)} / {mm(largest, 3)}") if one.state == "Completed" else "–"
+                ).classes("mono")
             with ui.element("td"):
                 if one.state == "Completed":
                     with ui.element("div").classes("line").style("flex-wrap: nowrap"):

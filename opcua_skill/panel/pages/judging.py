@@ -55,7 +55,7 @@ class Judging:
                 if figure.label not in IN_SHORT:
                     continue
                 ui.label(words(figure.label)).classes("soft")
-                ui.label(figure.said(figure.read(skill)) + self._where(figure.label))
+                ui.label(words.figures(figure.said(figure.read(skill))) + self._where(figure.label))
         for check in checks(words, skill):
             ui.label(f"{check.sign} {check.sentence}").classes("small " + ("check-good" if check.good else "check-bad"))
         with ui.element("div").classes("small soft").props('data-mark="compared"'):
@@ -132,7 +132,7 @@ class Judging:
         try:
             await ask(skill.name, skill.version, skill.model_digest, comment)
         except ClientError as error:
-            self.refusal.text = f"✕ {error}"
+            self.refusal.text = f"✕ {self.words.said(error)}"
             return
         await self.changed_elsewhere()
 
@@ -145,7 +145,7 @@ class Judging:
         if not session.may("deploy"):
             return
         with ui.element("div").classes("line"):
-            where = choose(stations, session.station_name).classes("w-28")
+            where = choose(stations, session.station_name).style("width:112px")
             go = ui.button(words("Deploy"), on_click=lambda: self._place(True, where.value)).props('data-mark="deploy"')
             go.props("no-caps unelevated dense")
             back = ui.button(words("Withdraw"), on_click=lambda: self._place(False, where.value)).props(
@@ -180,7 +180,7 @@ class Judging:
         try:
             await self.session.client.retire(self.skill.name, self.skill.version, reason)
         except ClientError as error:
-            refused.text = f"✕ {error}"
+            refused.text = f"✕ {self.words.said(error)}"
             return
         await self.changed_elsewhere()
 
@@ -192,7 +192,8 @@ class Judging:
 
         if await self.page.frame.asked(self.words("Export"), read):
             name = re.sub(r"[^A-Za-z0-9._-]", "_", skill.name).lstrip(".") or "skill"
-            ui.download.content(found[0], f"{name}-{skill.version}.json")
+            with self.page.frame.client:  # the button may have been replaced on the page meanwhile
+                ui.download.content(found[0], f"{name}-{skill.version}.json")
 
     async def _place(self, there: bool, where: str) -> None:
         client, skill = self.session.client, self.skill
@@ -247,7 +248,7 @@ class Judging:
             ui.label(f"{'▸ ' if here else ''}{one.version}").classes("mono" + (" sheet-title" if here else ""))
             ui.html(state_tag(words, one.state), sanitize=False)
             ui.label(taught).classes("small soft")
-            ui.label(mm(error)).classes("small mono").tooltip(words("path against mean of people, RMS"))
+            ui.label(words.figures(mm(error))).classes("small mono").tooltip(words("path against mean of people, RMS"))
             if not here:
                 with ui.element("div").classes("at-the-end"):
                     ui.button(words("Show"), on_click=lambda: self._open(one.version)).props("no-caps dense flat")
@@ -264,5 +265,6 @@ class Judging:
         words = self.words
         self.change.text = (
             f"╌ {words('before')} ({words('version')} {before}, {words('grey dashes')}): "
-            f"{words('the path moved by at most')} {mm(away)}, {words('at')} {percent(where)} {words('of the way')}"
+            f"{words('the path moved by at most')} {words.figures(mm(away))}, "
+            f"{words('at')} {percent(where)} {words('of the way')}"
         )

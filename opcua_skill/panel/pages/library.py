@@ -18,16 +18,18 @@ async def library_page(frame: Frame) -> None:
     """Show the skills; a change that anybody makes is shown at once."""
     words, session = frame.words, frame.session
     with ui.element("div").classes("sheet stack"):
-        with ui.row().classes("w-full items-center gap-3"):
+        with ui.element("div").classes("line"):
             ui.label(words("Skills")).classes("sheet-title")
             name = (
                 ui.input(placeholder=words("Name begins with …"))
                 .props("dense outlined clearable")
                 .props('data-mark="search"')
             )
-            state = choose({"": words("every state"), **{one: words(one) for one in STATES}}, value="").classes("w-40")
+            state = choose({"": words("every state"), **{one: words(one) for one in STATES}}, value="").style(
+                "width:160px"
+            )
             station = choose({"": words("every workstation"), **{one: one for one in session.stations}}, value="")
-            station.classes("w-48")
+            station.style("width:192px")
             ui.space()
             count = ui.label().classes("soft")
             if session.may("import"):
@@ -71,7 +73,7 @@ async def library_page(frame: Frame) -> None:
             refused.text = f"✕ {event.file.name}: {words('this is no exported skill, which is a JSON file')}"
             return
         except ClientError as error:
-            refused.text = f"✕ {event.file.name}: {error}"
+            refused.text = f"✕ {event.file.name}: {words.said(error)}"
             return
         frame.tell(f"{words('Imported')}: {name} {words('version')} {version}")
         await find()

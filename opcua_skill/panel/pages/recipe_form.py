@@ -108,14 +108,16 @@ class RecipeForm:
         shown = f"{name} ({field.unit})" if field.unit else name
         made = ui.number(shown, value=field.shown(stored), step=field.step, validation=self._range(field))
         made.props("dense outlined").props(f'data-mark="field-{field.name}"')
-        told = " · ".join(part for part in (field.range, words(field.hint) if field.hint else "") if part)
+        told = " · ".join(
+            part for part in (words.figures(field.range), words(field.hint) if field.hint else "") if part
+        )
         made.props["hint"] = told
         self.numbers[field.name] = (field, made)
 
     def _range(self, field: Field) -> Callable[[Any], str | None]:
         def check(value: Any) -> str | None:
             fault = field.fault(value)
-            return f"{self.words('allowed')}: {fault}" if fault else None
+            return f"{self.words('allowed')}: {self.words.figures(fault)}" if fault else None
 
         return check
 
@@ -165,7 +167,7 @@ class RecipeForm:
         self.wrong.text = ""
         faults = [field for field, made in self.numbers.values() if field.fault(made.value)]
         if faults:
-            told = (f"{words(field.label)}: {words('allowed')} {field.range}" for field in faults)
+            told = (f"{words(field.label)}: {words('allowed')} {words.figures(field.range)}" for field in faults)
             self.wrong.text = f"✕ {'; '.join(told)}"
             return
         try:
@@ -181,14 +183,14 @@ class RecipeForm:
         at = {"recipe_id": self.name, "product": self.product, "frame": self.numbers["x"][1]}
         at |= {key: made for key, (_, made) in self.numbers.items()}
         if name in at and isinstance(error, Refused):
-            at[name].error = error.reason
-        self.wrong.text = f"✕ {error}"
+            at[name].error = self.words.said(error.reason)
+        self.wrong.text = f"✕ {self.words.said(error)}"
 
     async def delete(self) -> None:
         """Have the recipe deleted."""
         try:
             await self.session.client.delete_recipe(self.one.recipe_id)
         except ClientError as error:
-            self.wrong.text = f"✕ {error}"
+            self.wrong.text = f"✕ {self.words.said(error)}"
             return
         await self.read("")

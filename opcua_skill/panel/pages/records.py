@@ -59,7 +59,7 @@ async def records_page(frame: Frame) -> None:
                             ui.label(f"{one.at.astimezone():%H:%M:%S}").classes("mono")
                         with ui.element("td").classes("wraps"):
                             bad = one.event.severity >= SEVERE
-                            label = ui.label(f"{'⚠ ' if bad else ''}{DIGEST.sub(SHORT, one.event.message)}")
+                            label = ui.label(f"{'⚠ ' if bad else ''}{words.said(DIGEST.sub(SHORT, one.event.message))}")
                             if bad:
                                 label.classes("check-bad")
         known = [told_of(station.jobs) for station in session.stations.values()]
@@ -81,10 +81,14 @@ async def records_page(frame: Frame) -> None:
                             with ui.element("td").classes("wraps"):
                                 ui.html(state_tag(words, job.state), sanitize=False)
                                 if job.failure != "None":
-                                    ui.label(f"{job.failure}: {job.message}").classes("small check-bad")
+                                    ui.label(f"{words(job.failure)}: {words.said(job.message)}").classes(
+                                        "small check-bad"
+                                    )
                             with ui.element("td").classes("wraps"):
                                 rms, largest = job.tracking_error
                                 done = job.state == "Completed"
-                                ui.label(f"{mm(rms, 3)} / {mm(largest, 3)}" if done else "–").classes("mono")
+                                ui.label(words.figures(f"{mm(rms, 3)} / {mm(largest, 3)}") if done else "–").classes(
+                                    "mono"
+                                )
 
     frame.on_refresh(show)

@@ -6,7 +6,7 @@ from urllib.parse import quote
 
 from nicegui import ui
 
-from opcua_skill.client import ClientError, JobReport, JobTrace, Recipe, SkillSummary
+from opcua_skill.client import ClientError, JobReport, JobTrace, JointTrace, Recipe, SkillSummary
 from opcua_skill.panel.frame import Frame, choose
 from opcua_skill.panel.pages.arm import ArmSheet
 from opcua_skill.panel.pages.jobs import JobTable
@@ -36,6 +36,7 @@ class RunPage:
         self.was_active = False
         self.queued: list[str] = []
         self.shown_override = 0
+        self.shown_joints: list[float] = []
         self.station = self.session.station_name
 
     async def open(self, skill: str) -> None:
@@ -65,7 +66,18 @@ class RunPage:
             legend = "grey dashes: planned · blue: commanded · orange: measured"
             ui.label(words(legend)).classes("small soft")
         self.player = Player(words, "max(300px, calc(100vh - 400px))").classes("w-full").props('data-mark="player"')
-        self.player.on("drawn", self.show_plan)
+        self.player.on("drawn", self.drawn)
+
+    async def drawn(self) -> None:
+        """Show the arm and the plan as soon as the browser can draw them."""
+        workstation = self.session.client.workstation(self.station)
+
+        async def read() -> None:
+            self.player.arm(await workstation.links())
+
+        if await self.frame.asked(self.words("Read the arm's links"), read):
+            self.shown_joints = []
+        await self.show_plan()
 
     def _order(self) -> None:
         words = self.words
@@ -167,7 +179,8 @@ class RunPage:
         number = recipe.skill_version or skill.version
         why = words("by recipe") if recipe.skill_version else words("deployed") if deployed else words("newest")
         self.which.text = (
-            f"{words('Version')} {number} ({why}) · {words(recipe.timing)} · {1000 * recipe.time_step:g} ms"
+            f"{words('Version')} {number} ({why}) · {words(recipe.timing)} · "
+            f"{words.figures(f'{1000 * recipe.time_step:g} ms')}"
         )
         if self.wanted_version and self.wanted_version != number:
             self.which.text += f" · ⚠ {words('not version')} {self.wanted_version}: {words('make a recipe for it')}"
@@ -180,7 +193,7 @@ class RunPage:
         try:
             path = await self.session.client.path(skill.name, recipe.skill_version or skill.version)
         except ClientError as error:
-            self.refusal.text = f"✕ {error}"
+            self.refusal.text = f"✕ {self.words.said(error)}"
             return
         self.player.plan(in_base(path, recipe))
 
@@ -192,7 +205,7 @@ class RunPage:
             workstation = self.session.client.workstation(self.session.station_name)
             started = await workstation.execute(name or "", recipe_id=recipe or "", mode=mode)
         except ClientError as error:
-            self.refusal.text = f"✕ {error}"
+            self.refusal.text = f"✕ {self.words.said(error)}"
             return
         self.mine = started.job_id
         self.player.begin()
@@ -258,6 +271,10 @@ class RunPage:
             if (told := round(100.0 * arm.speed_override)) != self.shown_override:
                 self.shown_override = told  # somebody set it, here or elsewhere: the slider never says something else
                 self.override.value = told
+            joints = arm.position.round(4).tolist()
+            if joints != self.shown_joints:
+                self.shown_joints = joints
+                self.player.pose(arm.position)
             if not self.was_active and job is not None:
                 self.player.begin()
             if job is not None and job.mode != "simulation" and job.state in ("Running", "Paused", "Stopping"):
@@ -306,7 +323,8 @@ class RunPage:
     async def download(self, job_id: str) -> None:
         """Give a run's commanded and measured path as a CSV file."""
         if (trace := await self._trace(job_id)) is not None:
-            ui.download.content(trace_csv(trace), f"{job_id}.csv")
+            with self.frame.client:  # the table may have been drawn anew meanwhile
+                ui.download.content(trace_csv(trace), f"{job_id}.csv")
 
     async def _trace(self, job_id: str) -> JobTrace | None:
         traces: list[JobTrace] = []
@@ -318,5 +336,11 @@ class RunPage:
 
     async def show_trace(self, job_id: str, play: bool) -> None:
         """Read what a run commanded and measured, and play it."""
-        if (trace := await self._trace(job_id)) is not None:
-            self.player.load(job_id, trace, play=play)
+        found: list[JointTrace] = []
+
+        async def read() -> None:
+            found.append(await self.session.client.workstation(self.station).joint_trace(job_id))
+
+        trace = await self._trace(job_id)
+        if trace is not None and await self.frame.asked(self.words("Read the trace"), read):
+            self.player.load(job_id, trace, found[0], play=play)

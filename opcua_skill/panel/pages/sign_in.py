@@ -23,9 +23,9 @@ def sign_in_page(sessions: Sessions, browser: str, to: str, accepted: str) -> No
         words = Words(language)
         ui.page_title(f"{words('Sign in')} · opcua-skill")
         with ui.element("div").classes("sheet sign-in stack"):
-            with ui.row().classes("w-full justify-between items-center"):
+            with ui.element("div").classes("line"):
                 ui.label(words("Operator panel")).classes("sheet-title")
-                with ui.row().classes("gap-2"):
+                with ui.element("div").classes("at-the-end"):
                     for one in LANGUAGES:
                         link = ui.link(one.upper(), "#").on("click.prevent", lambda _, it=one: form.refresh(it))
                         link.classes("panel-language" + (" panel-here" if one == language else ""))
@@ -47,7 +47,7 @@ def sign_in_page(sessions: Sessions, browser: str, to: str, accepted: str) -> No
                 try:
                     await sessions.sign_in(browser, user.value or "", password.value or "", language)
                 except ClientError as error:
-                    wrong.text = f"✕ {error}"
+                    wrong.text = f"✕ {words.said(error)}"
                     button.enable()
                     return
                 ui.navigate.to(target)

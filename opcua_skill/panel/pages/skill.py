@@ -133,7 +133,7 @@ class SkillPage:
         def toggle(key: str, options: dict[str, str]) -> None:
             ui.toggle(options, value=self.state[key], on_change=lambda event: self._set(key, event.value)).props(
                 "no-caps dense unelevated toggle-color=primary color=white text-color=dark"
-            ).classes("border rounded").props(f'data-mark="toggle-{key}"')
+            ).classes("framed").props(f'data-mark="toggle-{key}"')
 
         def switch(key: str, label: str) -> None:
             ui.checkbox(label, value=self.state[key], on_change=lambda event: self._set(key, event.value)).props(
@@ -266,7 +266,9 @@ class SkillPage:
                 report = await session.client.follow(job_id, limit=LEARNING_LIMIT)
                 new = report.skill_version
                 if report.state != "Completed":
-                    self.frame.tell(f"{words('Learning ended')}: {words(report.state)}. {report.message}", bad=True)
+                    self.frame.tell(
+                        f"{words('Learning ended')}: {words(report.state)}. {words.said(report.message)}", bad=True
+                    )
             if new:
                 learned.append(new)
 
@@ -279,7 +281,7 @@ class SkillPage:
         self.ghost = before.material.path
         if await self.show(learned[0]):
             away, where = largest_change(before.material.path, self.version.material.path)
-            told = f"{words('Version')} {learned[0]}: {words('the path moved by at most')} {mm(away)}"
+            told = f"{words('Version')} {learned[0]}: {words('the path moved by at most')} {words.figures(mm(away))}"
             self.frame.tell(f"{told} ({words('at')} {percent(where)} {words('of the way')})")
             self.judging.tell_change(before.skill.version, away, where)
 

@@ -72,6 +72,9 @@ class TeachPage:
                     ui.label(f"{size}. {told}").classes("small soft")
                 self.plate = Plate(*PLATE_MM, drawing=self.may).props('data-mark="plate"')
                 self.plate.on("stroke", self._stroke)
+                self.plate.on(
+                    "broken", lambda: frame.tell(words("the stroke was interrupted: draw it again"), bad=True)
+                )
             with ui.element("div").classes("stack"):
                 with ui.element("div").classes("sheet stack"):
                     self._list()
@@ -189,7 +192,9 @@ class TeachPage:
             if report.state == "Completed":
                 made.append(report.skill_version)
             else:
-                self.frame.tell(f"{words('Learning ended')}: {words(report.state)}. {report.message}", bad=True)
+                self.frame.tell(
+                    f"{words('Learning ended')}: {words(report.state)}. {words.said(report.message)}", bad=True
+                )
 
         await self.frame.asked(words("Learn"), work)
         self.busy = False
@@ -213,7 +218,9 @@ class TeachPage:
             ui.label(label).classes("demo-name")
             with ui.element("div").classes("line").style("width:auto;flex-wrap:nowrap;gap:4px"):
                 space = " · 3-D" if one.dimension == 3 else ""
-                ui.label(f"{mm(length, 0)} · {seconds(float(one.times[-1]))}{space}").classes("small mono")
+                ui.label(words.figures(f"{mm(length, 0)} · {seconds(float(one.times[-1]))}{space}")).classes(
+                    "small mono"
+                )
                 ui.button(icon="close", on_click=lambda: self._remove(label)).props("flat round").props[
                     "aria-label"
                 ] = f"{words('Discard')} {label}"

@@ -69,10 +69,12 @@ class UploadSheet:
             self._ask(name, content, choices, needed)
             return
         except ReaderError as wrong:
-            self._refused(name, str(wrong))
+            self._refused(name, self.words.said(wrong))
             return
         self.take(found)
-        self.frame.tell("\n".join([f"{name}: {len(found)} {self.words('demonstrations')}", *gaps]))
+        self.frame.tell(
+            "\n".join([f"{name}: {len(found)} {self.words('demonstrations')}", *map(self.words.said, gaps)])
+        )
         self.refresh()
 
     def _refused(self, name: str, sentence: str) -> None:
@@ -86,7 +88,7 @@ class UploadSheet:
         """Ask in place for what a file leaves open; other files can be chosen meanwhile."""
         words = self.words
         with self.asking, ui.element("div").classes("asked") as asked:
-            ui.label(f"? {needed}").classes("small")
+            ui.label(f"? {words.said(needed)}").classes("small")
 
             async def chosen(value: str) -> None:
                 asked.delete()
@@ -109,10 +111,12 @@ class UploadSheet:
             plane = common_plane(in_space)
             laid = iter(onto_plane(in_space, plane))
         except LibraryError as wrong:
-            self._refused("", str(wrong))
+            self._refused("", words.said(wrong))
             return
         self._refused("", "")
         recordings[:] = [next(laid) if one.dimension == 3 else one for one in recordings]
-        self.frame.tell(f"{words('Laid into their plane; they were away from it by')} {mm(plane.deviation)} (RMS)")
+        self.frame.tell(
+            f"{words('Laid into their plane; they were away from it by')} {words.figures(mm(plane.deviation))} (RMS)"
+        )
         self.take([])
         self.refresh()

@@ -1,4 +1,6 @@
 // A plate to scale: each stroke of mouse, pen or finger is told with its samples in mm and its times in s.
+const PALM = 70; // px across: what touches more broadly is no finger
+
 export default {
   template: `<canvas ref="canvas" class="plate"></canvas>`,
   props: { width: Number, height: Number, drawing: Boolean },
@@ -13,7 +15,9 @@ export default {
     const canvas = this.$refs.canvas;
     canvas.addEventListener("pointerdown", (e) => this.begin(e));
     canvas.addEventListener("pointermove", (e) => this.go(e));
-    for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, (e) => this.end(e));
+    canvas.addEventListener("pointerup", (e) => this.end(e));
+    canvas.addEventListener("pointercancel", (e) => this.broken(e));
+    canvas.addEventListener("contextmenu", (e) => e.preventDefault()); // a long press is the beginning of a slow stroke
     this.fit();
   },
   beforeUnmount() { this.observer.disconnect(); },
@@ -54,7 +58,10 @@ export default {
       return [(e.clientX - box.left - this.left) / this.scale, (this.bottom - (e.clientY - box.top)) / this.scale];
     },
     begin(e) {
-      if (!this.drawing || this.now || (e.pointerType === "mouse" && e.button !== 0)) return;
+      if (!this.drawing || (e.pointerType === "mouse" && e.button !== 0)) return;
+      if (e.pointerType === "touch" && Math.max(e.width, e.height) > PALM) return;
+      const handBefore = this.now?.kind === "touch" && e.pointerType === "pen"; // the hand lay down first, the pen is meant
+      if (this.now && !handBefore) return;
       this.$refs.canvas.setPointerCapture(e.pointerId);
       this.now = { pointer: e.pointerId, kind: e.pointerType, start: e.timeStamp, t: [], x: [], y: [] };
       this.add(e);
@@ -76,6 +83,13 @@ export default {
       this.now = null;
       this.draw();
       this.$emit("stroke", { t, x, y, kind });
+    },
+    // The browser took the pointer away: half a stroke is no demonstration.
+    broken(e) {
+      if (!this.now || e.pointerId !== this.now.pointer) return;
+      this.now = null;
+      this.draw();
+      this.$emit("broken", {});
     },
     line(points, colour, width, dash) {
       const c = this.context;

@@ -1,31 +1,35 @@
 // Commanded and measured path of a run, from above and from the side, in space, and over time; play, pause, scrub, and
 // live while the arm moves. The view in space is drawn on a plain canvas: a panel PC without a graphics card is enough.
+// The arm in it is drawn from its links, as the server tells them, and from the joints of the record, or of now.
 import { echarts } from "nicegui-echart";
+import { links, seen } from "panel-links";
 
-const BLUE = "#1f5fa8", ORANGE = "#b45309", SOFT = "#9aa9b8", INK = "#5b6b7b";
+const BLUE = "#1f5fa8", ORANGE = "#b45309", SOFT = "#9aa9b8", INK = "#5b6b7b", LINK = "#dde4eb", RIM = "#8a99a8";
 const PATHS = [[0, 1], [0, 2]], AXES = ["x (mm)", "y (mm)", "z (mm)"];
 
 export default {
   template: `<div style="display:flex;flex-direction:column;gap:8px;width:100%">
     <div style="position:relative;width:100%" :style="{height: height}">
       <div ref="chart" style="position:absolute;inset:0" :style="{visibility: view === 'space' ? 'hidden' : 'visible'}"></div>
-      <canvas ref="space" style="position:absolute;inset:0;width:100%;height:100%;touch-action:none;cursor:grab" v-show="view === 'space'" data-mark="space"></canvas></div>
+      <canvas ref="space" style="position:absolute;inset:0;width:100%;height:100%;touch-action:none;cursor:grab" v-show="view === 'space'" data-mark="space"></canvas>
+      <button type="button" v-show="view === 'space'" @click="whole = !whole; near = 1; drawSpace()" class="player-button" style="position:absolute;right:0;top:0;padding:0 12px" data-mark="whole">{{ whole ? labels.near : labels.arm }}</button></div>
     <div style="display:flex;gap:10px;align-items:center;flex-wrap:nowrap">
-      <button ref="play" type="button" @click="toggle" class="player-button" :disabled="!length" :aria-label="labels.play">{{ playing ? '❚❚' : '▶' }}</button>
+      <button ref="play" data-mark="play" type="button" @click="toggle" class="player-button" :disabled="!length" :aria-label="labels.play">{{ playing ? '❚❚' : '▶' }}</button>
       <input ref="scrub" type="range" min="0" :max="length" step="any" v-model.number="at" @input="playing = false; mark()" class="player-scrub" :disabled="!length" :aria-label="labels.time">
       <select v-model.number="speed" class="player-speed" :aria-label="labels.speed"><option :value="0.25">×¼</option><option :value="1">×1</option><option :value="4">×4</option></select>
-      <span style="font-variant-numeric:tabular-nums;min-width:112px;text-align:right">{{ at.toFixed(2) }} / {{ length.toFixed(2) }} s</span>
+      <span style="font-variant-numeric:tabular-nums;min-width:112px;text-align:right">{{ figure(at, 2) }} / {{ figure(length, 2) }} s</span>
     </div>
     <div style="font-size:13px;color:#5b6b7b;min-height:18px" ref="told">{{ told }}</div></div>`,
   props: { labels: Object, height: String },
-  data() { return { playing: false, at: 0, length: 0, speed: 1, told: "", view: "paths" }; },
+  data() { return { playing: false, at: 0, length: 0, speed: 1, told: "", view: "paths", whole: true }; },
   async mounted() {
     await new Promise((done) => setTimeout(done, 0));
     this.run = null;
     this.planned = [];
     this.trail = [];
     this.now = null;
-    this.azimuth = -0.6; this.height3 = 0.45;
+    this.azimuth = -0.6; this.height3 = 0.45; this.near = 1;
+    this.chain = null; this.joints = [];
     this.chart = echarts.init(this.$refs.chart);
     this.observer = new ResizeObserver(() => { this.chart.resize(); this.fit(); this.drawSpace(); });
     this.observer.observe(this.$refs.chart);
@@ -45,9 +49,16 @@ export default {
     this.chart?.dispose();
   },
   methods: {
-    // run: times [s], commanded and measured [[x, y, z] mm]
+    // chain: origins, axes and capsules of the links, mm
+    arm(chain) { this.chain = chain; this.drawSpace(); },
+    // joints now, rad
+    pose(joints) { this.joints = joints; if (!this.run) this.drawSpace(); },
+    // run: times [s], commanded and measured [[x, y, z] mm], joints: packed, rad, or empty
     load(run) {
       this.run = run; this.trail = [];
+      const bytes = Uint8Array.from(atob(run.joints), (c) => c.charCodeAt(0));
+      run.joints = new Float32Array(bytes.buffer);
+      run.dof = run.joints.length / Math.max(run.times.length, 1);
       this.length = run.times.length ? run.times[run.times.length - 1] : 0;
       this.at = 0;
       this.draw();
@@ -55,7 +66,7 @@ export default {
       if (run.play) { this.playing = false; this.toggle(); }
     },
     plan(points) { this.planned = points; if (!this.run) this.draw(); },
-    look(view) { this.view = view; this.$el.dataset.view = view; this.draw(); },
+    look(view) { this.view = view; this.$el.dataset.view = view; this.$nextTick(() => this.draw()); }, // what is hidden has no size
     begin() { this.run = null; this.playing = false; this.length = 0; this.at = 0; this.trail = []; this.told = ""; this.now = null; this.draw(); },
     live(point) { if (this.run) return; this.trail.push(point); this.update(point); this.fit(); },
     pause() { this.playing = false; },
@@ -79,11 +90,13 @@ export default {
       while (low < high) { const mid = (low + high + 1) >> 1; if (t[mid] <= this.at) low = mid; else high = mid - 1; }
       return low;
     },
+    tick(value) { return String(value).replace(".", this.labels.comma); },
+    figure(value, digits) { return value.toFixed(digits).replace(".", this.labels.comma); },
     away(i) { const m = this.run.measured[i], c = this.run.commanded[i]; return Math.hypot(m[0] - c[0], m[1] - c[1], m[2] - c[2]); },
     mark() {
       if (!this.run || !this.run.times.length) return;
       const i = this.index(), m = this.run.measured[i];
-      this.told = `x ${m[0].toFixed(1)}  y ${m[1].toFixed(1)}  z ${m[2].toFixed(1)} mm · ${this.labels.away} ${this.away(i).toFixed(3)} mm`;
+      this.told = `x ${this.figure(m[0], 1)}  y ${this.figure(m[1], 1)}  z ${this.figure(m[2], 1)} mm · ${this.labels.away} ${this.figure(this.away(i), 3)} mm`;
       this.update(m);
     },
     update(point) {
@@ -100,7 +113,7 @@ export default {
     points() { return this.run ? [...this.run.commanded, ...this.run.measured] : [...this.planned, ...this.trail]; },
     axis(name, g, vertical) {
       return { type: "value", gridIndex: g, name, nameLocation: "middle", nameGap: vertical ? 42 : 26, scale: true, axisLine: { onZero: false, show: true, lineStyle: { color: INK } },
-        splitLine: { lineStyle: { color: "#e8ecf0" } }, axisLabel: { showMinLabel: false, showMaxLabel: false } };
+        splitLine: { lineStyle: { color: "#e8ecf0" } }, axisLabel: { showMinLabel: false, showMaxLabel: false, formatter: this.tick } };
     },
     line(id, g, data, lineStyle, z) { return { id: `${id}${g}`, type: "line", xAxisIndex: g, yAxisIndex: g, showSymbol: false, silent: true, animation: false, z, lineStyle, data }; },
     draw() {
@@ -127,7 +140,7 @@ export default {
       const over = (points, k) => run ? run.times.map((t, i) => [t, points[i][k]]) : [];
       this.chart.setOption({ animation: false,
         grid: rows.map((g) => ({ left: 64, right: 16, top: 8 + (g * (height - 44)) / 4, height: (height - 44) / 4 - 16 })),
-        xAxis: rows.map((g) => ({ ...this.axis(g === 3 ? `${this.labels.time} (s)` : "", g, false), min: 0, max: run ? this.length : 1, axisLabel: { show: g === 3 } })),
+        xAxis: rows.map((g) => ({ ...this.axis(g === 3 ? `${this.labels.time} (s)` : "", g, false), min: 0, max: run ? this.length : 1, axisLabel: { show: g === 3, formatter: this.tick } })),
         yAxis: rows.map((g) => ({ ...this.axis(g === 3 ? this.labels.error : AXES[g], g, true), splitNumber: 3, scale: g < 3 })),
         series: rows.flatMap((g) => [
           ...(g < 3 ? [this.line("commanded", g, over(run?.commanded, g), { color: BLUE, width: 4, opacity: 0.45 }, 2), this.line("measured", g, over(run?.measured, g), { color: ORANGE, width: 1.5 }, 3)]
@@ -136,22 +149,30 @@ export default {
     },
     // The view in space: turned about the vertical and tipped, with equal scales, seen from far away.
     listen() {
-      const canvas = this.$refs.space;
-      let from = null;
-      canvas.addEventListener("pointerdown", (e) => { from = [e.clientX, e.clientY]; canvas.setPointerCapture(e.pointerId); });
+      const canvas = this.$refs.space, down = new Map();
+      const apart = () => { const [a, b] = [...down.values()]; return Math.hypot(a[0] - b[0], a[1] - b[1]); };
+      canvas.addEventListener("pointerdown", (e) => { down.set(e.pointerId, [e.clientX, e.clientY]); canvas.setPointerCapture(e.pointerId); });
       canvas.addEventListener("pointermove", (e) => {
+        const from = down.get(e.pointerId);
         if (!from) return;
-        this.azimuth -= (e.clientX - from[0]) / 150;
-        this.height3 = Math.max(-0.1, Math.min(1.57, this.height3 + (e.clientY - from[1]) / 150));
-        from = [e.clientX, e.clientY];
-        this.$el.dataset.turned = this.azimuth.toFixed(3);
-        this.drawSpace();
+        const before = down.size === 2 ? apart() : 0;
+        down.set(e.pointerId, [e.clientX, e.clientY]);
+        if (down.size === 2) this.zoom(apart() / Math.max(before, 1));
+        else if (down.size === 1) {
+          this.azimuth -= (e.clientX - from[0]) / 150;
+          this.height3 = Math.max(-0.1, Math.min(1.57, this.height3 + (e.clientY - from[1]) / 150));
+          this.$el.dataset.turned = this.azimuth.toFixed(3);
+          this.drawSpace();
+        }
       });
-      for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, () => { from = null; });
+      for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, (e) => down.delete(e.pointerId));
+      canvas.addEventListener("wheel", (e) => { e.preventDefault(); this.zoom(Math.exp(-e.deltaY / 500)); }, { passive: false });
     },
-    seen([x, y, z]) {
-      const c = Math.cos(this.azimuth), s = Math.sin(this.azimuth), across = c * x - s * y, deep = s * x + c * y;
-      return [across, z * Math.cos(this.height3) + deep * Math.sin(this.height3)];
+    zoom(by) { this.near = Math.max(0.5, Math.min(20, this.near * by)); this.$el.dataset.zoomed = this.near.toFixed(2); this.drawSpace(); },
+    // The joints to draw: those of the record where it is played, else those of now; none: the record has none.
+    posture() {
+      if (!this.run) return this.joints;
+      return this.run.dof ? this.run.joints.subarray(this.index() * this.run.dof, (this.index() + 1) * this.run.dof) : [];
     },
     drawSpace() {
       const canvas = this.$refs.space;
@@ -159,16 +180,17 @@ export default {
       const wide = canvas.clientWidth, high = canvas.clientHeight, ratio = window.devicePixelRatio || 1;
       if (!wide || !high) return;
       canvas.width = Math.round(wide * ratio); canvas.height = Math.round(high * ratio);
-      const c = canvas.getContext("2d");
+      const c = canvas.getContext("2d"), joints = this.posture();
       c.setTransform(ratio, 0, 0, ratio, 0, 0);
       c.clearRect(0, 0, wide, high);
-      const points = this.points();
-      const span = Math.max(100, ...points.slice(0, 4000).map((p) => Math.max(Math.abs(p[0]), Math.abs(p[1]))));
-      const floor = Math.ceil(span / 100) * 100, around = [[0, 0, 0], ...points];
-      const low = [Infinity, Infinity], up = [-Infinity, -Infinity];
-      for (const p of around) this.seen(p).forEach((v, k) => { low[k] = Math.min(low[k], v); up[k] = Math.max(up[k], v); });
-      const scale = Math.min((wide - 80) / Math.max(up[0] - low[0], 100), (high - 60) / Math.max(up[1] - low[1], 100));
-      const px = (p) => { const [a, b] = this.seen(p); return [wide / 2 + scale * (a - (low[0] + up[0]) / 2), high / 2 - scale * (b - (low[1] + up[1]) / 2)]; };
+      const arm = this.chain && joints.length ? links(this.chain, joints) : null;
+      const path = this.points(), whole = [[0, 0, 0], ...path, ...(arm ? arm.capsules.flatMap((one) => [one.start, one.end]) : [])];
+      const around = this.whole || !path.length ? whole : path, span = Math.max(100, ...whole.map((p) => Math.max(Math.abs(p[0]), Math.abs(p[1]))));
+      const floor = Math.ceil(span / 100) * 100, low = [Infinity, Infinity], up = [-Infinity, -Infinity];
+      const look = (p) => seen(p, this.azimuth, this.height3);
+      for (const p of around) look(p).slice(0, 2).forEach((v, k) => { low[k] = Math.min(low[k], v); up[k] = Math.max(up[k], v); });
+      const room = this.whole ? 160 : 0, scale = this.near * Math.min((wide - 60) / Math.max(up[0] - low[0] + room, 10), (high - 60) / Math.max(up[1] - low[1] + room, 10));
+      const px = (p) => { const [a, b] = look(p); return [wide / 2 + scale * (a - (low[0] + up[0]) / 2), high / 2 - scale * (b - (low[1] + up[1]) / 2)]; };
       const stroke = (list, colour, width, dash = []) => {
         c.beginPath(); c.strokeStyle = colour; c.lineWidth = width; c.setLineDash(dash); c.lineJoin = "round"; c.lineCap = "round";
         list.forEach((p, i) => { if (i) c.lineTo(...px(p)); else c.moveTo(...px(p)); });
@@ -178,17 +200,30 @@ export default {
       c.font = "13px Roboto, sans-serif"; c.fillStyle = INK;
       c.fillText(this.labels.turn, 8, high - 8);
       [[[100, 0, 0], "x"], [[0, 100, 0], "y"], [[0, 0, 100], "z"]].forEach(([tip, name]) => { stroke([[0, 0, 0], tip], INK, 2); c.fillText(name, ...px(tip).map((v, k) => v + (k ? -4 : 4))); });
+      if (arm) {
+        // the farthest link first; its rim is darker, so that links in front of each other are told apart
+        const far = (one) => look(one.start)[2] + look(one.end)[2];
+        for (const { start, end, radius } of arm.capsules.sort((one, other) => far(other) - far(one))) {
+          stroke([start, end], RIM, 2 * radius * scale + 1.5);
+          stroke([start, end], LINK, Math.max(2 * radius * scale - 1.5, 1));
+        }
+        stroke(arm.origins, "rgba(29,39,51,0.55)", 2);
+        for (const p of arm.turning) { const [a, b] = px(p); c.beginPath(); c.arc(a, b, 3.5, 0, 7); c.fillStyle = "#1d2733"; c.fill(); }
+      }
+      this.$el.dataset.links = arm ? arm.capsules.length : 0;
       if (this.run) { stroke(this.run.commanded, "rgba(31,95,168,0.45)", 4); stroke(this.run.measured, ORANGE, 1.5); } else stroke(this.planned, SOFT, 2, [6, 5]);
       c.fillStyle = ORANGE;
       if (!this.run) for (const p of this.trail) { const [a, b] = px(p); c.beginPath(); c.arc(a, b, 2.5, 0, 7); c.fill(); }
       if (this.now) {
-        // the nozzle's tip, and how high it is above the base's plane; how the tool is turned is not in the record
+        // the nozzle's tip, and how high it is above the base's plane
         const [x, y, z] = this.now;
         stroke([[x, y, 0], [x, y, z]], SOFT, 1, [3, 4]);
         const [a, b] = px(this.now);
-        c.beginPath(); c.arc(a, b, 7, 0, 7); c.fill(); c.lineWidth = 2; c.strokeStyle = "white"; c.stroke();
+        c.beginPath(); c.arc(a, b, 6, 0, 7); c.fillStyle = ORANGE; c.fill(); c.lineWidth = 2; c.strokeStyle = "white"; c.stroke();
       }
     },
+    // For tests: where the chain of links puts the nozzle's tip, and where the record has it, mm.
+    tips() { const { origins } = links(this.chain, this.posture()); return [origins[origins.length - 1], this.now]; },
     fit() {
       if (this.view !== "paths") { if (this.view === "time") this.drawTime(); return; }
       const points = this.points(), all = this.chart.getWidth(), height = this.chart.getHeight() - 58, width = all / 2 - 78;

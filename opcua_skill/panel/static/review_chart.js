@@ -1,10 +1,12 @@
 // Demonstrations, learned path, tube and components on one ECharts canvas; samples are picked here, decided elsewhere.
-// The lines are drawn once. A click changes only the small overlay series, so that it is painted at once.
+// The lines are drawn once. What a click changes lies on a plain canvas of its own, so that the lines are not painted again.
 import { echarts } from "nicegui-echart";
 
 const GREY = "#9aa9b8", FLAG = "#d97706", BLUE = "#1f5fa8", RED = "#c62828", SOFT = "#5b6b7b", GREEN = "#2e7d32";
-const CROSS = "path://M-1,-0.72 L-0.72,-1 L0,-0.28 L0.72,-1 L1,-0.72 L0.28,0 L1,0.72 L0.72,1 L0,0.28 L-0.72,1 L-1,0.72 L-0.28,0 Z";
-const REACH = 16, DRAWN = 450;
+const REACH = 16, FINGER = 24, DRAWN = 450, CROSS = 3.6;
+const LINES = [["ghost", SOFT, 2, [8, 5]], ["other", GREEN, 2.5, [2, 4]], ["preview", RED, 2, [6, 5]]];
+
+const finger = (e) => String(e.event?.type).startsWith("touch");
 
 function floats(text) {
   const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
@@ -13,6 +15,7 @@ function floats(text) {
 
 export default {
   template: `<div style="position:relative"><div ref="chart" style="position:absolute;inset:0"></div>
+    <canvas ref="over" style="position:absolute;inset:0;width:100%;height:100%;pointer-events:none"></canvas>
     <div ref="box" style="position:absolute;display:none;border:2px dashed #c62828;background:rgba(198,40,40,.08);pointer-events:none"></div>
     <div ref="tip" style="position:absolute;display:none;background:#1d2733;color:white;font-size:13px;padding:2px 8px;border-radius:4px;pointer-events:none;white-space:nowrap"></div></div>`,
   props: { data: Object, state: Object },
@@ -23,7 +26,8 @@ export default {
     this.current = { view: "path", mode: "aligned", tube: true, components: false, tool: "point", target: "one" };
     this.over = {};
     this.anchor = null;
-    this.observer = new ResizeObserver(() => { this.chart.resize(); this.fit(); });
+    this.observer = new ResizeObserver(() => { this.chart.resize(); this.arrange(); });
+    this.chart.on("datazoom", () => this.drawOver());
     this.observer.observe(this.$el);
     this.listen();
     if (this.data) this.load(this.data);
@@ -52,13 +56,27 @@ export default {
       if (["view", "mode", "tube", "components"].some((key) => key in state) || !this.drawn) this.draw();
       const pan = this.current.tool === "move";
       this.chart.setOption({ dataZoom: this.zooms(pan) });
+      this.drawOver();
+      Object.assign(this.$el.dataset, { tool: this.current.tool, target: this.current.target });
       this.$refs.chart.style.cursor = pan ? "grab" : "crosshair";
+      // a finger scrolls the page over the chart, unless it draws a box or moves the lines
+      this.$refs.chart.style.touchAction = pan || this.current.tool === "box" ? "none" : "pan-y";
     },
-    // overlay: struck {line: [indices in the current mode]}, excluded [ids], preview / ghost / other: flat points, highlight id
+    // overlay: struck {line: [indices in the current mode]}, excluded [ids], preview / ghost / other: packed paths, highlight id
     overlay(over) {
+      if (!this.drawn) return; // it is sent again once the lines are there
+      const gone = this.over.excluded || [];
+      for (const [key] of LINES) if (over[key]) over[key] = { points: floats(over[key].points), clock: floats(over[key].clock) };
       this.over = { ...this.over, ...over };
-      if (this.drawn) this.chart.setOption({ series: this.overlays("excluded" in over || "highlight" in over) });
-      requestAnimationFrame(() => requestAnimationFrame(() => { this.painted = (this.painted || 0) + 1; this.$el.dataset.painted = this.painted; }));
+      const now = this.over.excluded || [], changed = this.lines.flatMap((line, i) => gone.includes(line.id) === now.includes(line.id) ? [] : [i]);
+      if (changed.length)
+        this.chart.setOption({ series: this.grids().flatMap((_, g) => changed.map((i) => ({ id: `d${g}-${i}`, lineStyle: this.style(this.lines[i]) }))) });
+      this.drawOver();
+      this.count("painted");
+    },
+    // Tells tests and benchmarks that something is on the screen: two frames after it was drawn.
+    count(what) {
+      requestAnimationFrame(() => requestAnimationFrame(() => { this.$el.dataset[what] = Number(this.$el.dataset[what] || 0) + 1; }));
     },
     grids() {
       const time = this.current.view === "time";
@@ -74,10 +92,9 @@ export default {
     },
     style(line) {
       const gone = (this.over.excluded || []).includes(line.id) || !line.used;
-      const held = this.over.highlight === line.id;
-      return { color: held ? "#111827" : line.flagged ? FLAG : GREY, width: held ? 2.5 : line.flagged ? 1.6 : 1.1,
-        opacity: gone && !held ? 0.5 : 0.85, type: gone ? "dotted" : "solid" };
+      return { color: line.flagged ? FLAG : GREY, width: line.flagged ? 1.6 : 1.1, opacity: gone ? 0.5 : 0.85, type: gone ? "dotted" : "solid" };
     },
+    comma(text) { return text.replace(".", this.info.words.comma); },
     names(dim) { return dim === "t" ? `${this.info.words.time} (s)` : `${"xyz"[dim]} (mm)`; },
     draw() {
       this.drawn = true;
@@ -100,59 +117,80 @@ export default {
           itemStyle: { color: FLAG, borderColor: "white", borderWidth: 1.5 }, data: places.map(([set, i]) => [this.value(set, i, grid.x), this.value(set, i, grid.y)]) });
         series.push({ ...shared, id: `learned${g}`, z: 5, lineStyle: { color: BLUE, width: 3 }, data: learned });
       });
-      const width = this.chart.getWidth(), height = this.chart.getHeight();
       this.chart.setOption({ animation: false,
-        grid: grids.map((_, g) => side
-          ? { left: 58 + (g * (width - 10)) / n, width: (width - 10) / n - 74, top: 14, bottom: 44 }
-          : { left: 58, right: 16, top: 14 + (g * (height - 60)) / n, height: (height - 60) / n - 22 }),
+        grid: this.areas(),
         xAxis: grids.map((grid, g) => ({ type: "value", gridIndex: g, name: side || g === n - 1 ? this.names(grid.x) : "", nameLocation: "middle", nameGap: 26, scale: true,
-          axisLine: { onZero: false, lineStyle: { color: SOFT } }, splitLine: { lineStyle: { color: "#e8ecf0" } }, axisLabel: { showMinLabel: false, showMaxLabel: false } })),
+          axisLine: { onZero: false, lineStyle: { color: SOFT } }, splitLine: { lineStyle: { color: "#e8ecf0" } }, axisLabel: { showMinLabel: false, showMaxLabel: false, formatter: (value) => this.comma(String(value)) } })),
         yAxis: grids.map((grid, g) => ({ type: "value", gridIndex: g, name: this.names(grid.y), nameLocation: "middle", nameGap: 40, scale: true,
-          axisLine: { onZero: false, show: true, lineStyle: { color: SOFT } }, splitLine: { lineStyle: { color: "#e8ecf0" } }, axisLabel: { showMinLabel: false, showMaxLabel: false } })),
+          axisLine: { onZero: false, show: true, lineStyle: { color: SOFT } }, splitLine: { lineStyle: { color: "#e8ecf0" } }, axisLabel: { showMinLabel: false, showMaxLabel: false, formatter: (value) => this.comma(String(value)) } })),
         dataZoom: this.zooms(this.current.tool === "move"),
-        series: [...series, ...this.overlays(false)] }, { notMerge: true });
+        series }, { notMerge: true });
       this.fit();
       this.$el.dataset.view = `${this.current.view}-${this.current.mode}`;
     },
     zooms(pan) {
       return this.grids().flatMap((_, g) => [
-        { id: `zx${g}`, type: "inside", xAxisIndex: g, filterMode: "none", moveOnMouseMove: pan, zoomOnMouseWheel: true },
-        { id: `zy${g}`, type: "inside", yAxisIndex: g, filterMode: "none", moveOnMouseMove: pan, zoomOnMouseWheel: true }]);
+        { id: `zx${g}`, type: "inside", xAxisIndex: g, filterMode: "none", moveOnMouseMove: pan, preventDefaultMouseMove: pan, zoomOnMouseWheel: true },
+        { id: `zy${g}`, type: "inside", yAxisIndex: g, filterMode: "none", moveOnMouseMove: pan, preventDefaultMouseMove: pan, zoomOnMouseWheel: true }]);
     },
     polygons(id, g, shapes, style, z) {
       return { id, type: "custom", xAxisIndex: g, yAxisIndex: g, silent: true, animation: false, z, clip: true, encode: { x: -1, y: -1 },
         data: shapes.map((_, k) => [k]),
         renderItem: (params, api) => ({ type: "polygon", silent: true, style, shape: { points: shapes[params.dataIndex].map((p) => api.coord(p)) } }) };
     },
-    overlays(styles) {
-      const made = [];
+    // Where each grid lies on the page, in px.
+    areas() {
+      const n = this.grids().length, width = this.chart.getWidth(), height = this.chart.getHeight();
+      return this.grids().map((_, g) => this.current.view === "path"
+        ? { left: 58 + (g * (width - 10)) / n, top: 14, width: (width - 10) / n - 74, height: height - 58 }
+        : { left: 58, top: 14 + (g * (height - 60)) / n, width: width - 74, height: (height - 60) / n - 22 });
+    },
+    arrange() {
+      if (!this.drawn) return;
+      this.chart.setOption({ grid: this.areas() });
+      this.fit();
+    },
+    drawOver() {
+      if (!this.drawn) return;
+      const canvas = this.$refs.over, ratio = window.devicePixelRatio || 1, wide = this.chart.getWidth(), high = this.chart.getHeight();
+      if (canvas.width !== Math.round(wide * ratio) || canvas.height !== Math.round(high * ratio)) Object.assign(canvas, { width: Math.round(wide * ratio), height: Math.round(high * ratio) });
+      const c = canvas.getContext("2d"), areas = this.areas(), aligned = this.current.view === "path" || this.current.mode === "aligned";
+      c.setTransform(ratio, 0, 0, ratio, 0, 0);
+      c.clearRect(0, 0, wide, high);
       this.grids().forEach((grid, g) => {
-        const base = { xAxisIndex: g, yAxisIndex: g, silent: true, animation: false };
-        const crosses = [];
-        for (const [i, indices] of Object.entries(this.over.struck || {}))
-          for (const k of indices) crosses.push([this.value(this.lines[i][this.current.mode], k, grid.x), this.value(this.lines[i][this.current.mode], k, grid.y)]);
-        made.push({ ...base, id: `struck${g}`, type: "scatter", z: 8, symbol: CROSS, symbolSize: 10, itemStyle: { color: RED }, data: crosses, large: false });
-        const line = (id, key, lineStyle) => {
-          const flat = this.over[key], clock = this.path.clock, shown = flat && (this.current.view === "path" || this.current.mode === "aligned");
-          const set = shown ? { points: floats(flat.points), clock: flat.clock ? floats(flat.clock) : clock } : null;
-          made.push({ ...base, id: `${id}${g}`, type: "line", showSymbol: false, z: 6, lineStyle, data: set ? this.flat(set, grid, set.clock.length) : [] });
+        const { left, top, width, height } = areas[g], { ox, sx, oy, sy } = this.scale(g);
+        const at = (set, i) => [ox + sx * this.value(set, i, grid.x), oy + sy * this.value(set, i, grid.y)];
+        const line = (set, colour, thick, dash, step = 1) => {
+          c.beginPath(); c.strokeStyle = colour; c.lineWidth = thick; c.setLineDash(dash); c.lineJoin = "round";
+          let pen = false;
+          for (let i = 0; i < set.clock.length; i += step) {
+            const [x, y] = at(set, i);
+            if (pen) c.lineTo(x, y); else c.moveTo(x, y);
+            pen = isFinite(x) && isFinite(y);
+          }
+          c.stroke(); c.setLineDash([]);
         };
-        line("ghost", "ghost", { color: SOFT, width: 2, type: [8, 5] });
-        line("other", "other", { color: GREEN, width: 2.5, type: [2, 4] });
-        line("preview", "preview", { color: RED, width: 2, type: "dashed" });
-        const at = this.anchor ? [this.value(this.set(this.anchor.line), this.anchor.index, grid.x), this.value(this.set(this.anchor.line), this.anchor.index, grid.y)] : null;
-        made.push({ ...base, id: `anchor${g}`, type: "scatter", z: 9, symbol: "circle", symbolSize: 15, itemStyle: { color: "transparent", borderColor: RED, borderWidth: 2 }, data: at ? [at] : [] });
-        if (styles) this.lines.forEach((one, i) => made.push({ id: `d${g}-${i}`, lineStyle: this.style(one), z: this.over.highlight === one.id ? 7 : 2 }));
+        c.save(); c.beginPath(); c.rect(left, top, width, height); c.clip();
+        const held = this.lines.find((one) => one.id === this.over.highlight)?.[this.current.mode];
+        if (held) line(held, "#111827", 2.5, [], Math.max(1, Math.floor(held.clock.length / DRAWN)));
+        if (aligned) for (const [key, colour, thick, dash] of LINES) if (this.over[key]) line(this.over[key], colour, thick, dash);
+        c.beginPath(); c.strokeStyle = RED; c.lineWidth = 2.6; c.lineCap = "butt";
+        for (const [i, indices] of Object.entries(this.over.struck || {})) for (const k of indices) {
+          const [x, y] = at(this.set(Number(i)), k);
+          c.moveTo(x - CROSS, y - CROSS); c.lineTo(x + CROSS, y + CROSS); c.moveTo(x - CROSS, y + CROSS); c.lineTo(x + CROSS, y - CROSS);
+        }
+        c.stroke();
+        if (this.anchor) { c.beginPath(); c.lineWidth = 2; c.arc(...at(this.set(this.anchor.line), this.anchor.index), 7.5, 0, 7); c.stroke(); }
+        c.restore();
       });
-      return made;
     },
     set(line) { return line < 0 ? this.path : this.lines[line][this.current.mode]; },
     // Equal scales on both axes of a path view: a millimetre is a millimetre. The zoom stays what it was.
     fit() {
       if (!this.drawn || this.current.view !== "path") return;
-      const grids = this.grids(), n = grids.length, width = (this.chart.getWidth() - 10) / n - 74, height = this.chart.getHeight() - 58;
+      const grids = this.grids(), { width, height } = this.areas()[0];
       if (width < 10 || height < 10) return;
-      const xAxis = [], yAxis = [], grid = [];
+      const xAxis = [], yAxis = [];
       grids.forEach((one, g) => {
         const low = [Infinity, Infinity], high = [-Infinity, -Infinity];
         const see = (set) => { for (let i = 0; i < set.clock.length; i++) [one.x, one.y].forEach((dim, k) => {
@@ -162,9 +200,9 @@ export default {
         const middle = [(low[0] + high[0]) / 2, (low[1] + high[1]) / 2];
         xAxis.push({ min: middle[0] - (scale * width) / 2, max: middle[0] + (scale * width) / 2 });
         yAxis.push({ min: middle[1] - (scale * height) / 2, max: middle[1] + (scale * height) / 2 });
-        grid.push({ left: 58 + (g * (this.chart.getWidth() - 10)) / n, width, top: 14, bottom: 44 });
       });
-      this.chart.setOption({ xAxis, yAxis, grid });
+      this.chart.setOption({ xAxis, yAxis });
+      this.drawOver();
     },
     gridAt(x, y) { return this.grids().findIndex((_, g) => this.chart.containPixel({ gridIndex: g }, [x, y])); },
     scale(g) {
@@ -176,27 +214,35 @@ export default {
       const gone = this.over.excluded || [];
       for (let i = 0; i < this.lines.length; i++) if (!gone.includes(this.lines[i].id)) yield [i, this.lines[i][this.current.mode]];
     },
-    nearest(x, y) {
+    nearest(x, y, reach = REACH) {
       const g = this.gridAt(x, y);
       if (g < 0) return null;
       const grid = this.grids()[g], { ox, sx, oy, sy } = this.scale(g);
-      let best = null, least = REACH * REACH;
+      let best = null, least = reach * reach;
       for (const [line, set] of this.pickable()) for (let i = 0; i < set.clock.length; i++) {
         const dx = ox + sx * this.value(set, i, grid.x) - x, dy = oy + sy * this.value(set, i, grid.y) - y, away = dx * dx + dy * dy;
         if (away < least) { least = away; best = { line, index: i }; }
       }
       return best;
     },
-    pick(x, y, shift) {
-      const found = this.nearest(x, y);
+    pick(x, y, shift, reach) {
+      const found = this.nearest(x, y, reach);
       if (!found) return;
       const stretch = (shift || this.current.tool === "stretch") && this.anchor && this.anchor.line === found.line;
-      if (this.current.tool === "stretch" && !stretch) { this.anchor = found; this.overlay({}); return; }
+      if (this.current.tool === "stretch" && !stretch) { this.anchor = found; this.drawOver(); return; }
       const from = stretch ? Math.min(this.anchor.index, found.index) : found.index, to = stretch ? Math.max(this.anchor.index, found.index) : found.index;
       this.anchor = stretch ? null : found;
       this.strike([{ line: found.line, from, to }]);
     },
+    // What is struck is decided elsewhere; until the answer comes, what was picked shows as if it were all.
     strike(ranges) {
+      const struck = Object.fromEntries(Object.entries(this.over.struck || {}).map(([line, indices]) => [line, new Set(indices)]));
+      const picked = ranges.flatMap(({ line, from, to }) => [...Array(to - from + 1).keys()].map((k) => [line, from + k]));
+      const back = picked.every(([line, k]) => struck[line]?.has(k));
+      for (const [line, k] of picked) if (back) struck[line].delete(k); else (struck[line] ??= new Set()).add(k);
+      this.over = { ...this.over, struck };
+      this.drawOver();
+      this.count("marked");
       this.$emit("strike", { ranges, mode: this.current.mode });
     },
     boxed(a, b) {
@@ -217,10 +263,16 @@ export default {
     },
     listen() {
       const zr = this.chart.getZr();
-      let start = null;
-      zr.on("mousedown", (e) => { start = [e.offsetX, e.offsetY]; });
+      let start = null, several = false;
+      const box = this.$refs.box, chart = this.$refs.chart;
+      // two fingers zoom: whatever the first one had begun is not meant
+      const count = (e) => { several = e.touches.length > 1 || (several && e.type !== "touchstart"); if (several) { start = null; box.style.display = "none"; } };
+      for (const name of ["touchstart", "touchmove"]) chart.addEventListener(name, count, { capture: true, passive: true });
+      // the browser scrolls the page from here on: the chart goes with the finger, which seems to stay where it was
+      chart.addEventListener("pointercancel", () => { start = null; box.style.display = "none"; });
+      chart.addEventListener("contextmenu", (e) => e.preventDefault());
+      zr.on("mousedown", (e) => { start = several ? null : [e.offsetX, e.offsetY]; });
       zr.on("mousemove", (e) => {
-        const box = this.$refs.box;
         if (start && this.current.tool === "box") {
           Object.assign(box.style, { display: "block", left: `${Math.min(start[0], e.offsetX)}px`, top: `${Math.min(start[1], e.offsetY)}px`,
             width: `${Math.abs(e.offsetX - start[0])}px`, height: `${Math.abs(e.offsetY - start[1])}px` });
@@ -232,19 +284,19 @@ export default {
       zr.on("mouseup", (e) => {
         const from = start;
         start = null;
-        this.$refs.box.style.display = "none";
+        box.style.display = "none";
         if (!from || this.current.tool === "move") return;
         const moved = Math.hypot(e.offsetX - from[0], e.offsetY - from[1]);
         if (this.current.tool === "box" && moved > 4) this.boxed(from, [e.offsetX, e.offsetY]);
-        else if (moved <= 6) this.pick(e.offsetX, e.offsetY, e.event?.shiftKey);
+        else if (moved <= (finger(e) ? 12 : 6)) this.pick(e.offsetX, e.offsetY, e.event?.shiftKey, finger(e) ? FINGER : REACH);
       });
       zr.on("globalout", () => { this.$refs.tip.style.display = "none"; });
     },
     hover(x, y) {
       const tip = this.$refs.tip, found = this.info ? this.nearest(x, y) : null;
       if (!found) { tip.style.display = "none"; return; }
-      const set = this.set(found.line), values = [...Array(this.d).keys()].map((k) => `${"xyz"[k]} ${this.value(set, found.index, k).toFixed(1)}`).join("  ");
-      tip.textContent = `${found.line < 0 ? this.info.words.learned : this.lines[found.line].id} · ${values} mm · ${set.clock[found.index].toFixed(2)} s`;
+      const set = this.set(found.line), values = [...Array(this.d).keys()].map((k) => `${"xyz"[k]} ${this.comma(this.value(set, found.index, k).toFixed(1))}`).join("  ");
+      tip.textContent = `${found.line < 0 ? this.info.words.learned : this.lines[found.line].id} · ${values} mm · ${this.comma(set.clock[found.index].toFixed(2))} s`;
       Object.assign(tip.style, { display: "block", left: `${Math.min(x + 14, this.chart.getWidth() - 230)}px`, top: `${Math.max(y - 30, 0)}px` });
     },
     // For tests and benchmarks: where on the screen a sample of a line is.

@@ -4,6 +4,7 @@ import ast
 from collections.abc import Iterator
 from pathlib import Path
 
+from library.description import Failure
 from opcua_skill.client.values import ENDED
 from opcua_skill.panel import comparing, frame, recipe_fields
 from opcua_skill.panel.german import GERMAN
@@ -62,6 +63,7 @@ def tables() -> Iterator[str]:
     yield from teach.PRESETS.values()
     yield from upload.ASKED.values()
     yield from (role.value for role in Role)
+    yield from (one.value for one in Failure)
     for field in (*recipe_fields.FIELDS, *recipe_fields.PLACE_FIELDS, *recipe_fields.TURN_FIELDS):
         yield field.label
         if field.hint:

@@ -1,0 +1,153 @@
+"""What learning says of demonstrations, options and models."""
+
+LEARNING = {
+    # verdicts
+    "{t1}; {t2}": "{t1}; {t2}",
+    "{t1}, {t2}": "{t1}, {t2}",
+    "{t1} and {n} more": "{t1} und {n} weitere",
+    "{n} of the path: {n2} mm {t} the others": "{n} der Bahn: {n2} mm {t}",
+    "above": "über den anderen",
+    "below": "unter den anderen",
+    "to the right of": "rechts von den anderen",
+    "to the left of": "links von den anderen",
+    "behind": "hinter den anderen",
+    "in front of": "vor den anderen",
+    "started at {n} of the path: used from there": "begann bei {n} der Bahn: ab dort verwendet",
+    "let go at {n} of the path: used up to there": "losgelassen bei {n} der Bahn: bis dort verwendet",
+    "{n} mm": "{n} mm",
+    "went over {t} again at {n2} of the path": "fuhr {t} noch einmal, bei {n2} der Bahn",
+    "took a way around at {n} of the path: {t} long, {t2} away": (
+        "machte einen Umweg bei {n} der Bahn: {t} lang, {t2} entfernt"
+    ),
+    "paused for {n} s at {n2} of the path": "hielt {n} s an, bei {n2} der Bahn",
+    "waited for {n} s {t}": "wartete {n} s {t}",
+    "before the first move": "vor der ersten Bewegung",
+    "after the last move": "nach der letzten Bewegung",
+    "another shape than the others: {n} mm off at {n2} of the path": (
+        "andere Form als die anderen: {n} mm daneben bei {n2} der Bahn"
+    ),
+    "drawn more than once: the first time is used": "mehrmals gezeichnet: das erste Mal wird verwendet",
+    "drawn in the opposite direction: draw it again from the other end": (
+        "in Gegenrichtung gezeichnet: noch einmal vom anderen Ende zeichnen"
+    ),
+    "the marker was lost at {n} of the path: used around it": (
+        "der Marker war bei {n} der Bahn verloren: davor und danach verwendet"
+    ),
+    "{n} m wide where the others are {n2} m: is it in another unit?": (
+        "{n} m breit, wo die anderen {n2} m breit sind: ist die Einheit eine andere?"
+    ),
+    "excluded by an operator": "von einer Person ausgelassen",
+    # recordings that cannot be used
+    "positions have shape {x}: two or three columns are needed": (
+        "die Positionen haben die Form {x}: zwei oder drei Spalten sind nötig"
+    ),
+    "times, positions and triggers differ in length: export the recording again": (
+        "Zeiten, Positionen und Taster sind verschieden lang: Aufnahme neu exportieren"
+    ),
+    "orientations need four values (x y z w) a sample: export the recording again": (
+        "Orientierungen brauchen vier Werte (x y z w) je Messpunkt: Aufnahme neu exportieren"
+    ),
+    "{n} samples are no motion: record it again": "{n} Messpunkte sind keine Bewegung: noch einmal aufnehmen",
+    "times have to be finite and to rise from sample to sample: export the recording again": (
+        "Zeiten müssen endlich sein und steigen: Aufnahme neu exportieren"
+    ),
+    "the marker was lost nearly throughout: check the cameras and record it again": (
+        "der Marker war fast durchweg verloren: Kameras prüfen und noch einmal aufnehmen"
+    ),
+    "positions beyond a thousand kilometres: check the export's units": (
+        "Positionen jenseits von tausend Kilometern: Einheiten des Exports prüfen"
+    ),
+    "nothing moves further than 1 mm: record it again": "nichts bewegt sich weiter als 1 mm: noch einmal aufnehmen",
+    "fewer than four samples are left after striking: include some again": (
+        "nach dem Streichen bleiben weniger als vier Messpunkte: einige wieder aufnehmen"
+    ),
+    "reflections throughout: check the cameras and record it again": (
+        "durchweg Reflexionen: Kameras prüfen und noch einmal aufnehmen"
+    ),
+    "nothing moves further than 1 mm but for reflections and trembling: record it again": (
+        "außer Reflexionen und Zittern bewegt sich nichts weiter als 1 mm: noch einmal aufnehmen"
+    ),
+    "its DemonstrationId was used before": "ihre DemonstrationId gab es schon",
+    "it has {n} dimensions, the others have {n2}": "sie hat {n} Dimensionen, die anderen haben {n2}",
+    "{n} demonstration is usable, {n2} are needed: record more, or include some again": (
+        "{n} Vorführung ist brauchbar, {n2} sind nötig: mehr aufnehmen oder einige wieder einbeziehen"
+    ),
+    "{n} demonstrations are usable, {n2} are needed: record more, or include some again": (
+        "{n} Vorführungen sind brauchbar, {n2} sind nötig: mehr aufnehmen oder einige wieder einbeziehen"
+    ),
+    "{n} demonstration is usable, {n2} are needed ({t}): record more, or include some again": (
+        "{n} Vorführung ist brauchbar, {n2} sind nötig ({t}): mehr aufnehmen oder einige wieder einbeziehen"
+    ),
+    "{n} demonstrations are usable, {n2} are needed ({t}): record more, or include some again": (
+        "{n} Vorführungen sind brauchbar, {n2} sind nötig ({t}): mehr aufnehmen oder einige wieder einbeziehen"
+    ),
+    "{n} demonstrations are usable, {n2} are needed": "{n} Vorführungen sind brauchbar, {n2} sind nötig",
+    "{n} demonstrations are usable, {n2} are needed; {name}: {t}": (
+        "{n} Vorführungen sind brauchbar, {n2} sind nötig; {name}: {t}"
+    ),
+    "{n} demonstrations were recorded, {n2} are needed": "{n} Vorführungen sind aufgezeichnet, {n2} sind nötig",
+    "{name}: {t}": "{name}: {t}",
+    # recordings that do not belong together
+    "some demonstrations have two dimensions and some three: learn them apart": (
+        "einige Vorführungen haben zwei Dimensionen, andere drei: getrennt lernen"
+    ),
+    "two demonstrations have the same id: give each its own": (
+        "zwei Vorführungen haben denselben Namen: jeder einen eigenen geben"
+    ),
+    "the demonstrations do not show the same shape: learn those that belong together, exclude the others": (
+        "die Vorführungen zeigen nicht dieselbe Form: lernen, was zusammengehört, das andere auslassen"
+    ),
+    "some are drawn from one end ({a}) and some from the other ({b}): draw one group again in the other direction, "
+    "or exclude it": (
+        "einige sind vom einen Ende gezeichnet ({a}), andere vom anderen ({b}): "
+        "eine Gruppe in der anderen Richtung neu zeichnen oder auslassen"
+    ),
+    "different shapes are mixed, and none has a clear majority: {a}, and {b}: learn each as a skill of its own, or "
+    "exclude those that do not belong": (
+        "verschiedene Formen sind gemischt, keine hat eine klare Mehrheit: {a} und {b}: "
+        "jede als eigene Fertigkeit lernen oder Unpassendes auslassen"
+    ),
+    "the drawing is {n} m wide: positions are in metres, were millimetres sent? Divide them by 1000": (
+        "die Zeichnung ist {n} m breit: Positionen sind in Metern, waren es Millimeter? Durch 1000 teilen"
+    ),
+    "{n} of {n2} demonstrations carry no tool orientation ({a}), so none was learned: record it in all of them, or "
+    "exclude those without": (
+        "{n} von {n2} Vorführungen haben keine Orientierung des Werkzeugs ({a}), darum wurde keine gelernt: "
+        "in allen aufnehmen oder die ohne auslassen"
+    ),
+    # edits and options
+    "the learned path has samples 0 to {n}: choose among them": "die gelernte Bahn hat Punkte 0 bis {n}: daraus wählen",
+    "there is no demonstration {name} to strike or exclude": (
+        "es gibt keine Vorführung {name} zum Streichen oder Auslassen"
+    ),
+    "demonstration {name} has samples 0 to {n}: choose among them": (
+        "Vorführung {name} hat Messpunkte 0 bis {n}: daraus wählen"
+    ),
+    "{n} components are too many for these demonstrations: ask for fewer": (
+        "{n} Komponenten sind für diese Vorführungen zu viele: weniger verlangen"
+    ),
+    "place is 'free': the paper's preset keeps demonstrations where they were drawn": (
+        "place ist 'free': wie veröffentlicht bleiben Vorführungen, wo sie gezeichnet wurden"
+    ),
+    "{name} is {x}: it has to be between 0 and {y}": "{name} ist {x}: erlaubt ist 0 bis {y}",
+    # models
+    "the clock is {x}: it has to be 'path' or 'time'": "die Uhr ist {x}: erlaubt ist 'path' oder 'time'",
+    "the dimension is {n}: it has to be 2 or 3": "die Dimension ist {n}: erlaubt ist 2 oder 3",
+    "means have shape {x}: with the {clock} clock in {n} dimensions they need {n2} columns, or {n3} with orientation": (
+        "die Mittelwerte haben die Form {x}: mit der Uhr {clock} in {n} Dimensionen brauchen sie {n2} Spalten, "
+        "oder {n3} mit Orientierung"
+    ),
+    "covariances have shape {x}: to the means belongs {y}": (
+        "die Kovarianzen haben die Form {x}: zu den Mittelwerten gehört {y}"
+    ),
+    "means or covariances hold NaN or infinity: export the skill again": (
+        "Mittelwerte oder Kovarianzen enthalten NaN oder unendlich: Fertigkeit neu exportieren"
+    ),
+    "a component has no extent on the clock: its covariance [0, 0] has to be positive": (
+        "eine Komponente hat keine Ausdehnung auf der Uhr: ihre Kovarianz [0, 0] muss positiv sein"
+    ),
+    "duration and time step have to be positive": "Dauer und Zeitschritt müssen positiv sein",
+    # the report's comparisons
+    "version {n} has {n2} dimensions, this one {n3}": "Version {n} hat {n2} Dimensionen, diese {n3}",
+    "fewer than two demonstrations are usable as they are": "weniger als zwei Vorführungen sind so brauchbar",
+}
