@@ -76,7 +76,7 @@ TASKS = {
     "setup": lambda: None,
     "demo": lambda *rest: run(BIN / "opcua-skill", "demo", *rest),
     # A file stays on one worker: its tests share a server. tests/conftest.py says which files begin.
-    "test": lambda *rest: run(BIN / "pytest", "--numprocesses=2", "--dist=loadfile", "--no-loadscope-reorder", *rest),
+    "test": lambda *rest: run(BIN / "pytest", "--numprocesses=3", "--dist=loadfile", "--no-loadscope-reorder", *rest),
     "check": check,
     "docs": lambda: run(BIN / "python", "docs/build.py"),
     "bench": lambda *rest: run(BIN / "opcua-skill", "bench", *rest),

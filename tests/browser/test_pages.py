@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from tests.browser.conftest import PANEL_PC, TABLET, Screens
+from tests.browser.conftest import PANEL_PC, PASSWORD, TABLET, Screens
 from tests.browser.test_review import teach
 
 pytestmark = pytest.mark.browser
@@ -100,3 +100,18 @@ def test_each_workstation_is_chosen_and_stopped_by_itself(screens: Screens, tmp_
     screen.marked("reset-home").click()
     arm.get_by_text("ws2: at rest").wait_for()
     choose("ws1")
+
+
+SLOW_TO_CONNECT = """Object.defineProperty(window, 'did_handshake', {
+  get() { return this.shaken && performance.now() > 2500; }, set(done) { this.shaken = done; },
+})"""
+
+
+def test_what_is_typed_before_the_page_is_connected_signs_in(screens: Screens) -> None:
+    screen = screens.blank()
+    screen.page.add_init_script(SLOW_TO_CONNECT)
+    screen.page.goto(f"{screens.base}/sign-in?to=/")
+    screen.page.locator("input").nth(0).fill("mes")
+    screen.page.locator("input").nth(1).fill(PASSWORD)
+    screen.page.locator("button").click()
+    screen.page.wait_for_selector(".stop-motion")

@@ -132,7 +132,8 @@ async def test_a_run_completes_with_its_trace_and_tracking_error(bench: Bench) -
     assert report.tracking_error == pytest.approx((1e-4, 1e-4))
     assert report.start_time is not None
     assert report.end_time is not None
-    assert (await bench.library.trace("one")).measured.shape == (3, 3)
+    tip_and_joints = (await bench.library.trace("one")).measured
+    assert tip_and_joints.shape == (3, 3 + 7)
     await bench.lane.stop()
     assert bench.kept["one"].joints_measured.shape == (3, 7)
 

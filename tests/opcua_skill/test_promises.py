@@ -23,7 +23,7 @@ PASSWORD, URI = "correct horse battery", "urn:opcua-skill:test"
 FIRST_ROLE = {
     "observer": """
         SkillLibrary: FindSkills GetSkill GetDemonstrations GetTrajectory ExportSkill GetJob
-        Machines/ws1: GetJob ListJobs GetTrace
+        Machines/ws1: GetJob ListJobs GetTrace GetJointTrace
         Machines/ws1/Recorder: GetRecording ListDemonstrations GetDemonstration""",
     "operator": """
         SkillLibrary: GetRecipe ListRecipes

@@ -1,12 +1,15 @@
 """Signing in: with the user name and password the OPC UA server knows."""
 
 from nicegui import ui
+from nicegui.events import GenericEventArguments
 
 from opcua_skill.client import ClientError
 from opcua_skill.panel.frame import STATIC
 from opcua_skill.panel.sessions import Sessions
 from opcua_skill.panel.words import LANGUAGES, Words, language_of
 
+# What stands in the fields goes with the press: sent before it, it may arrive after it while a page still connects.
+WRITTEN = "() => emit(...[...document.querySelectorAll('.sign-in input')].map((field) => field.value))"
 NO_EMERGENCY_STOP = (
     "Stop motion on this panel is a software function. It does not replace the emergency stop of the machine."
 )
@@ -39,22 +42,23 @@ def sign_in_page(sessions: Sessions, browser: str, to: str, accepted: str) -> No
             wrong = ui.label().classes("check-bad").props('data-mark="wrong"')
             button = ui.button(words("Sign in")).props("no-caps unelevated").classes("w-full")
 
-            async def enter() -> None:
+            async def enter(event: GenericEventArguments) -> None:
                 if not button.enabled:
                     return
                 button.disable()
                 wrong.text = words("Signing in …")
+                name, secret = event.args
                 try:
-                    await sessions.sign_in(browser, user.value or "", password.value or "", language)
+                    await sessions.sign_in(browser, name, secret, language)
                 except ClientError as error:
                     wrong.text = f"✕ {words.said(error)}"
                     button.enable()
                     return
                 ui.navigate.to(target)
 
-            button.on_click(enter)
+            button.on("click", enter, js_handler=WRITTEN)
             for field in (user, password):
-                field.on("keydown.enter", enter)
+                field.on("keydown.enter", enter, js_handler=WRITTEN)
             ui.label(words(NO_EMERGENCY_STOP)).classes("soft small")
 
     form(language_of(accepted))

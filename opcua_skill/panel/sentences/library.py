@@ -263,4 +263,7 @@ LIBRARY = {
     "protective stop on {where}: {t}": "Schutzhalt an {where}: {t}",
     "{method} by {user}: done": "{method} von {user}: erledigt",
     "{method} by {user}: {status}: {t}": "{method} von {user}: {status}: {t}",
+    "connections without encryption are accepted": "Verbindungen ohne Verschlüsselung werden angenommen",
+    "anonymous sessions are accepted, as observers": "anonyme Sitzungen werden angenommen, als Beobachter",
+    "every client certificate is trusted": "jedem Zertifikat eines Clients wird vertraut",
 }

@@ -14,6 +14,7 @@ from opcua_skill.panel.sentences.files import FILES
 from opcua_skill.panel.sentences.learning import LEARNING
 from opcua_skill.panel.sentences.library import LIBRARY
 from opcua_skill.panel.sentences.motion import MOTION
+from opcua_skill.security.settings import SecuritySettings
 
 ROOT = Path(__file__).parents[3]
 ROOMS = ("models", "library", "sim", "opcua_skill")
@@ -146,6 +147,14 @@ def test_every_sentence_of_the_server_has_german() -> None:
     ]
     missing += [text for texts in COMPOSED.values() for text in texts if not SENTENCES.say(text).whole]
     assert not missing, f"{len(missing)} sentences without German:\n" + "\n".join(missing)
+
+
+def test_what_a_configuration_weakens_is_said_in_german() -> None:
+    weakened = SecuritySettings(
+        Path(), insecure_no_encryption=True, insecure_anonymous=True, insecure_trust_every_client=True
+    ).insecure
+    assert len(weakened) == 3
+    assert all(SENTENCES.say(one).whole for one in weakened)
 
 
 def test_no_pattern_stands_twice() -> None:
