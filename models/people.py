@@ -10,9 +10,11 @@ waits at the ends and slows down at corners, wanders and trembles; the cameras a
 # pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
 # pyright: reportMissingTypeStubs=false, reportAttributeAccessIssue=false
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from models.demonstration import Demonstration, Floats
+from models.demonstration import Bools, Demonstration, Floats
 
 ZIGZAG = np.array([[5.0, 5.0], [60.0, 25.0], [5.0, 45.0], [60.0, 65.0], [5.0, 85.0]]) * 1e-3
 ZIGZAG_IN_SPACE = np.column_stack([ZIGZAG, [10e-3, 22e-3, 5e-3, 18e-3, 8e-3]])
@@ -24,6 +26,29 @@ WANDER = 1e-3
 TREMBLE = 0.25e-3
 CAMERA = 0.3e-3
 TILT = np.deg2rad(2.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SimulatedGroup:
+    """Simulated people and what nobody knows of real ones.
+
+    ``truth`` (c, d) in m: the corners that all of them meant; ``corners`` (n, c, d): those that each had in mind;
+    ``whole`` (n,): who did not let go early.
+    """
+
+    people: list[Demonstration]
+    truth: Floats
+    corners: Floats
+    whole: Bools
+
+    @property
+    def agreed(self) -> Floats:
+        """Return the mean (c, d) of what they had in mind, its last corner by those who drew it: no path can be had of
+        them that is surely nearer to the truth.
+        """
+        mean = self.corners.mean(axis=0)
+        mean[-1] = self.corners[self.whole, -1].mean(axis=0)
+        return mean
 
 
 def simulated_people(
@@ -43,14 +68,33 @@ def simulated_people(
     the cameras in samples a second. ``corners`` (c, d) replaces the plate's zigzag, in two or three dimensions.
     With ``orientation`` the tool turns as ``true_orientations`` says.
     """
+    group = simulated_group(
+        number, seed, reflections, early_release, rate=rate, corners=corners, orientation=orientation
+    )
+    return group.people, group.truth
+
+
+def simulated_group(
+    number: int = 20,
+    seed: int = 0,
+    reflections: bool = False,
+    early_release: int = 0,
+    *,
+    rate: float = 100.0,
+    corners: Floats | None = None,
+    orientation: bool = False,
+) -> SimulatedGroup:
+    """Return the people of ``simulated_people``, with what each of them had in mind."""
     generator, faults = (np.random.Generator(np.random.PCG64([seed, stream])) for stream in (0, 1))
     truth = ZIGZAG if corners is None else corners
     early = set(faults.choice(number, size=early_release, replace=False).tolist())
     people: list[Demonstration] = []
+    meant: list[Floats] = []
     for person in range(number):
         reach = float(faults.uniform(0.80, 0.95)) if person in early else 1.0
-        people.append(_person(generator, faults if reflections else None, person, truth, rate, reach, orientation))
-    return people, truth
+        meant.append(_own_corners(generator, truth))
+        people.append(_person(generator, faults if reflections else None, person, meant[-1], rate, reach, orientation))
+    return SimulatedGroup(people, truth, np.stack(meant), np.array([person not in early for person in range(number)]))
 
 
 def true_orientations(phases: Floats) -> Floats:
@@ -72,12 +116,11 @@ def _person(
     generator: np.random.Generator,
     faults: np.random.Generator | None,
     person: int,
-    truth: Floats,
+    own: Floats,
     rate: float,
     reach: float,
     orientation: bool,
 ) -> Demonstration:
-    own = _own_corners(generator, truth)
     duration = float(generator.uniform(6.0, 14.0))
     count = round(duration * rate)
     times = np.arange(count) / rate
