@@ -86,15 +86,18 @@ def clean(demonstration: Demonstration, struck: frozenset[int], filter_window: f
     if len(kept) < LEAST_SAMPLES:
         raise UnusableDemonstration("fewer than four samples are left after striking: include some again")
     seen, places = times[kept], _rows(points, usable)
+    step = float(np.median(np.diff(seen)))
     if despiking:
-        block = int(FINEST_STEP / float(np.median(np.diff(seen))))
+        block = int(FINEST_STEP / step)
         middles, medians = _thinned(seen, places, block)
         wrong = reflections(middles, medians)
-        usable[kept[np.repeat(wrong, _block_sizes(len(kept), block))]] = False
-        seen, places = middles[~wrong], _rows(medians, ~wrong)
-        if len(seen) < LEAST_SAMPLES:
-            raise UnusableDemonstration("reflections throughout: check the cameras and record it again")
-    count = max(LEAST_SAMPLES, round((seen[-1] - seen[0]) / float(np.median(np.diff(seen)))) + 1)
+        if block > 1 or wrong.any():
+            usable[kept[np.repeat(wrong, _block_sizes(len(kept), block))]] = False
+            seen, places = middles[~wrong], _rows(medians, ~wrong)
+            if len(seen) < LEAST_SAMPLES:
+                raise UnusableDemonstration("reflections throughout: check the cameras and record it again")
+            step = float(np.median(np.diff(seen)))
+    count = max(LEAST_SAMPLES, round((seen[-1] - seen[0]) / step) + 1)
     grid = np.linspace(seen[0], seen[-1], min(count, MOST_SAMPLES))
     even = _resampled(seen, places, grid)
     if despiking and diagonal(even) > 0:

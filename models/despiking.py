@@ -74,12 +74,15 @@ def _off_the_track(times: Floats, points: Floats) -> Bools:
 def _off_the_median(times: Floats, points: Floats) -> Bools:
     half = max(2, round(0.5 * WINDOW / float(np.median(np.diff(times)))))
     window = 2 * min(half, (len(points) - 1) // 2) + 1
-    middle = np.column_stack([median_filter(axis, size=window, mode="nearest") for axis in points.T])
+    middle = np.stack([median_filter(axis, size=window, mode="nearest") for axis in points.T]).T
     away = norms(points - middle)
-    usual = DEVIATION_FROM_MAD * median_filter(away, size=window, mode="nearest")
     speeds = norms(np.diff(points, axis=0)) / np.diff(times)
     reach = 0.5 * WINDOW * float(_ranked(speeds, BRISK))
-    return away > np.maximum(3.0 * usual, max(FLOOR, reach))
+    off: Bools = np.asarray(away > max(FLOOR, reach))
+    if not off.any():
+        return off
+    usual = DEVIATION_FROM_MAD * median_filter(away, size=window, mode="nearest")
+    return np.asarray(off & (away > 3.0 * usual))
 
 
 def _ranked(values: Floats, share: float) -> Floats:
