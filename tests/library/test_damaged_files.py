@@ -135,7 +135,6 @@ def test_plain_csv_goes_by_the_names_of_its_columns(columns: list[str], where: i
 
 @pytest.fixture(scope="module")
 def whole_c3d(tmp_path_factory: pytest.TempPathFactory) -> bytes:
-    pytest.importorskip("ezc3d")
     return c3d_file(tmp_path_factory.mktemp("c3d") / "whole.c3d").read_bytes()
 
 
@@ -173,7 +172,6 @@ def test_what_a_c3d_says_twice_has_to_agree(whole_c3d: bytes, spot: int, value: 
 
 @pytest.fixture(scope="module", params=["SQLITE3", "MCAP"])
 def whole_bag(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    pytest.importorskip("rosbags")
     folder = rosbag_folder(tmp_path_factory.mktemp("bag") / "recording", request.param)
     [file] = [one for one in folder.iterdir() if one.suffix in {".db3", ".mcap"}]
     return file

@@ -147,7 +147,6 @@ def test_a_solved_and_a_measured_marker_of_one_name_are_told_apart(tmp_path: Pat
 
 
 def test_c3d_gives_unit_rate_and_gaps(tmp_path: Path) -> None:
-    pytest.importorskip("ezc3d")
     path = c3d_file(tmp_path / "stroke.c3d")
     (way,) = read(path, Choices(marker="Tool"))
     np.testing.assert_allclose(way.points, WAYS[1] * 0.001, atol=1e-7)
@@ -162,7 +161,6 @@ def test_c3d_gives_unit_rate_and_gaps(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("scale", "exact"), [(0.05, 0.025e-3), (-0.05, 1e-8)], ids=["integers", "floats"])
 def test_a_c3d_made_by_the_standard_alone_is_read(tmp_path: Path, scale: float, exact: float) -> None:
-    pytest.importorskip("ezc3d")
     path = c3d_by_the_standard(tmp_path / "standard.c3d", scale=scale)
     for marker, name in enumerate(("Wrist", "Tool")):
         (way,) = read(path, Choices(marker=name))
@@ -182,7 +180,6 @@ def test_a_parser_that_crashes_takes_nobody_with_it(tmp_path: Path, monkeypatch:
 
 @pytest.mark.parametrize("storage", ["SQLITE3", "MCAP"])
 def test_a_ros_bag_gives_the_poses_of_a_topic(tmp_path: Path, storage: str) -> None:
-    pytest.importorskip("rosbags")
     folder = rosbag_folder(tmp_path / "recording", storage)
     (way,) = read(folder, Choices(topic="/tool"))
     np.testing.assert_allclose(way.points, WAYS[1] * 0.001, rtol=1e-14)
