@@ -16,6 +16,7 @@ from asyncua.ua.uaprotocol_auto import DataChangeFilter  # what is decoded: ua.D
 from opcua_skill.stack.filters import EventFilter, data_filter_fault, event_filter_fault
 from opcua_skill.stack.index_ranges import index_range
 from opcua_skill.stack.limits import Limits
+from opcua_skill.stack.queues import overflow
 from opcua_skill.stack.reading import encoding_fault, narrowed
 from opcua_skill.stack.values import status
 
@@ -49,6 +50,7 @@ class Items(MonitoredItemService):
         self._stamps: dict[int, ua.TimestampsToReturn] = {}
         self._wanted_stamps = ua.TimestampsToReturn.Both
         self._views: dict[int, Callable[[ua.DataValue], ua.DataValue]] = {}
+        self._keeps_oldest: set[int] = set()
         self.sampling: set[int] = set()
 
     def __len__(self) -> int:
@@ -63,7 +65,7 @@ class Items(MonitoredItemService):
 
     async def create_monitored_items(self, params: Any) -> list[ua.MonitoredItemCreateResult]:
         """Add items; each has a result of its own."""
-        results = []
+        results: list[ua.MonitoredItemCreateResult] = []
         self._wanted_stamps = params.TimestampsToReturn
         for place, item in enumerate(params.ItemsToCreate):
             if code := self._fault(item):
@@ -74,9 +76,14 @@ class Items(MonitoredItemService):
                 results.append(self._create_events_monitored_item(item))
             else:
                 results.append(await self._create_data_change_monitored_item(item))
+            if results[-1].StatusCode.is_good():
+                self._keep_oldest(results[-1].MonitoredItemId, item.RequestedParameters)
             if place % ITEMS_BETWEEN_TURNS == ITEMS_BETWEEN_TURNS - 1:
                 await asyncio.sleep(0)
         return results
+
+    def _keep_oldest(self, mid: int, wanted: ua.MonitoringParameters) -> None:
+        (self._keeps_oldest.discard if wanted.DiscardOldest else self._keeps_oldest.add)(mid)
 
     def _fault(self, item: Any) -> int:
         wanted = item.ItemToMonitor
@@ -96,11 +103,21 @@ class Items(MonitoredItemService):
         return data_filter_fault(item.RequestedParameters.Filter)
 
     def _create_events_monitored_item(self, params: ua.MonitoredItemCreateRequest) -> ua.MonitoredItemCreateResult:
+        wanted = params.RequestedParameters
+        wanted.QueueSize = self._queue_for_events(wanted.QueueSize)
         result = super()._create_events_monitored_item(params)
         item = self._monitored_items.get(result.MonitoredItemId)
         if item is not None:
             item.where_clause_evaluator = EventFilter(self.logger, self.aspace, item.filter.WhereClause)
         return result
+
+    def _queue_for_events(self, wanted: int) -> int:
+        """Return the queue of an item for events: a size of 1 asks for the least this server holds to be enough.
+
+        Clients ask for 1 unless told otherwise; one order brings several events within a publishing interval, and all
+        but the last would be lost. OPC UA Part 4, 7.21 (MonitoringParameters, queueSize).
+        """
+        return max(wanted, self._limits.queue_for_events) if wanted else 0
 
     async def _create_data_change_monitored_item(self, params: Any) -> ua.MonitoredItemCreateResult:
         if not isinstance(params.RequestedParameters.Filter, DataChangeFilter):
@@ -135,6 +152,14 @@ class Items(MonitoredItemService):
         self._wanted_stamps = params.TimestampsToReturn
         return [self._modify_monitored_item(item) for item in params.ItemsToModify]
 
+    def discards_oldest(self, mid: int) -> bool:
+        """Return whether an item's full queue drops its oldest entry rather than its newest."""
+        return mid not in self._keeps_oldest
+
+    def overflow(self, mid: int) -> ua.EventFieldList:
+        """Return the event that tells an item of events it has lost, in the fields it selects."""
+        return overflow(self._monitored_items[mid])
+
     def stamps(self, mid: int) -> ua.TimestampsToReturn:
         """Return which timestamps an item's values are told with."""
         return self._stamps.get(mid, ua.TimestampsToReturn.Both)
@@ -164,8 +189,10 @@ class Items(MonitoredItemService):
             item.filter = wanted.Filter
             if for_events:
                 item.where_clause_evaluator = EventFilter(self.logger, self.aspace, item.filter.WhereClause)
-        item.queue_size = self._revise_queue_size(wanted.QueueSize or (0 if for_events else 1))
+        asked_for = self._queue_for_events(wanted.QueueSize) if for_events else wanted.QueueSize or 1
+        item.queue_size = self._revise_queue_size(asked_for)
         item.client_handle = wanted.ClientHandle
+        self._keep_oldest(params.MonitoredItemId, wanted)
         if not for_events:
             self._stamps[params.MonitoredItemId] = self._wanted_stamps
         result.RevisedQueueSize = item.queue_size  # pyright: ignore[reportAttributeAccessIssue]
@@ -178,6 +205,7 @@ class Items(MonitoredItemService):
             return status(Codes.BadMonitoredItemIdInvalid)
         self._stamps.pop(mid, None)
         self._views.pop(mid, None)
+        self._keeps_oldest.discard(mid)
         self.sampling.discard(mid)
         handle = self._handle_of.pop(mid, None)
         if handle is not None:
@@ -240,8 +268,5 @@ class Items(MonitoredItemService):
             return
         if not item.where_clause_evaluator.eval(event):
             return
-        self.isub.count_event_overflow(mid, item.queue_size)
-        fields = ua.EventFieldList()
-        fields.ClientHandle = item.client_handle  # pyright: ignore[reportAttributeAccessIssue]
-        fields.EventFields = event.to_event_fields(item.filter.SelectClauses)
-        await self.isub.enqueue_event(mid, fields, item.queue_size)
+        self.isub.queue_event(mid, item, event.to_event_fields(item.filter.SelectClauses))
+        await self.isub._trigger_publish()

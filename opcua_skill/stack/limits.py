@@ -52,6 +52,7 @@ class Limits:
     items_per_subscription: int = 1_000
     items: int = 20_000
     queue_of_item: int = 100
+    queue_for_events: int = 50
     publishing_interval_ms: tuple[float, float] = (50.0, 3_600_000.0)
     subscription_lifetime: float = 600.0
     unacknowledged_messages: int = 50

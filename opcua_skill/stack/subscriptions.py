@@ -1,6 +1,7 @@
 """Subscriptions: owned, bounded, and with one encoding of a value for everybody who monitors it."""
 
 import asyncio
+import dataclasses
 import logging
 import math
 import struct
@@ -21,6 +22,7 @@ from asyncua.ua.ua_binary import struct_to_binary
 
 from opcua_skill.stack.counting import SubscriptionCounts
 from opcua_skill.stack.items import Items
+from opcua_skill.stack.queues import event_fields, make_room, marked_overflowed
 from opcua_skill.stack.reading import stamped
 from opcua_skill.stack.values import node_id
 
@@ -68,16 +70,31 @@ class Subscription(InternalSubscription):
         self._encodings = service.encodings
         self._iserver = service.iserver
         self.counts = SubscriptionCounts()
+        self._lost_events: set[int] = set()
         self.monitored_item_srv = Items(self, service.aspace, service.iserver.limits)
 
     def queue_value(self, mid: int, item: MonitoredItemData, value: ua.DataValue) -> None:
-        """Queue a changed value; the oldest goes when the item's queue is full."""
-        notification = ua.MonitoredItemNotification(ClientHandle=item.client_handle, Value=value)  # pyright: ignore[reportArgumentType]
+        """Queue a changed value; where the item's queue is full, one goes and its neighbour tells so.
+
+        OPC UA Part 4, 5.13.1.5 (Queue parameters).
+        """
+        oldest_goes = self.monitored_item_srv.discards_oldest(mid)
         queue = self._triggered_datachanges.setdefault(mid, [])
-        if item.queue_size and len(queue) >= item.queue_size:
-            del queue[0]
-            self.counts.value_overflows += item.queue_size > 1
-        queue.append(notification)
+        lost = make_room(queue, item.queue_size, oldest_goes) and item.queue_size > 1
+        queue.append(ua.MonitoredItemNotification(ClientHandle=item.client_handle, Value=value))  # pyright: ignore[reportArgumentType]
+        if lost:
+            self.counts.value_overflows += 1
+            beside = 0 if oldest_goes else -1
+            queue[beside] = dataclasses.replace(queue[beside], Value=marked_overflowed(queue[beside].Value))
+
+    def queue_event(self, mid: int, item: MonitoredItemData, fields: list[ua.Variant]) -> None:
+        """Queue an event; where the item's queue is full, one goes, and an event beside the queue tells so once."""
+        oldest_goes = self.monitored_item_srv.discards_oldest(mid)
+        queue = self._triggered_events.setdefault(mid, [])
+        if make_room(queue, item.queue_size, oldest_goes):
+            self.counts.event_overflows += 1
+            self._lost_events.add(mid)
+        queue.append(event_fields(item, fields))
 
     def may_hear_of(self, user: str) -> bool:
         """Return whether audit events about a user may be told here; the server's own subscriptions hear all."""
@@ -93,10 +110,6 @@ class Subscription(InternalSubscription):
         identity = self._iserver.identity_of(self.session_id)
         return identity is not None and self._iserver.may_read(node, identity.role)
 
-    def count_event_overflow(self, mid: int, size: int) -> None:
-        """Count an event that makes an older one of its item's queue go."""
-        self.counts.event_overflows += 0 < size <= len(self._triggered_events.get(mid, ()))
-
     async def set_publishing_mode(self, enabled: bool) -> None:
         """Switch publishing on or off."""
         if enabled:
@@ -109,6 +122,7 @@ class Subscription(InternalSubscription):
         """Drop what was queued for an item that is deleted."""
         self._triggered_datachanges.pop(mid, None)
         self._triggered_events.pop(mid, None)
+        self._lost_events.discard(mid)
 
     def _pop_triggered_datachanges(self, result: ua.PublishResult) -> None:
         if self.pub_request_callback is None:  # the server's own subscription wants objects, not bytes
@@ -127,6 +141,10 @@ class Subscription(InternalSubscription):
         result.NotificationMessage.NotificationData.append(ua.ExtensionObject(TypeId=_DATA_CHANGE, Body=body))  # pyright: ignore[reportArgumentType]
 
     def _pop_triggered_events(self, result: ua.PublishResult) -> None:
+        for mid in self._lost_events & self._triggered_events.keys():
+            queue, told = self._triggered_events[mid], self.monitored_item_srv.overflow(mid)
+            queue.insert(0 if self.monitored_item_srv.discards_oldest(mid) else len(queue), told)
+        self._lost_events -= self._triggered_events.keys()
         self.counts.events += sum(len(queue) for queue in self._triggered_events.values())
         super()._pop_triggered_events(result)
 

@@ -124,6 +124,35 @@ def test_nobody_approves_what_they_taught_and_both_browsers_see_the_approval(
     second.picture("approved", tmp_path)
 
 
+def test_what_others_do_to_another_version_takes_nothing_out_of_the_hand(plant: Any, screens: Screens) -> None:
+    teach(plant, "kept")
+    screen = screens.sign_in("engineer", "/skill/kept")
+    screen.chart()
+    screen.page.get_by_label("Reason, kept in the records").fill("half written")
+    export = screen.marked("export").element_handle()
+    shown = screen.page.locator("[data-mark='versions'] > *").first.element_handle()
+    assert export is not None and shown is not None
+    teach(plant, "kept")
+    screen.says("teacher: version 2 is newer")
+    assert screen.page.get_by_label("Reason, kept in the records").input_value() == "half written"
+    assert export.evaluate("button => button.isConnected"), "a press on its way to the button would have been lost"
+    assert not shown.evaluate("line => line.isConnected"), "the list has a new line, so it was drawn again"
+    screen.button("Reject").click()
+    screen.page.locator("[data-mark='state']", has_text="Rejected").wait_for()
+    screen.says("Rejected: engineer – half written")
+
+
+def test_the_page_says_at_once_that_edits_are_not_part_of_what_is_judged(screens: Screens, boxed: str) -> None:
+    screen = screens.sign_in("teacher", f"/skill/{boxed}")
+    screen.chart()
+    undo_all(screen)
+    assert not screen.marked("unlearned").is_visible()
+    screen.page.mouse.click(*screen.where(2, 150))
+    screen.marked("unlearned").wait_for()
+    screen.page.keyboard.press("u")
+    screen.marked("unlearned").wait_for(state="hidden")
+
+
 @pytest.fixture(scope="module")
 def boxed(plant: Any) -> str:
     """A skill from which nobody learns again."""

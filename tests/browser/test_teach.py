@@ -1,11 +1,14 @@
 """Teaching without a mouse: finger and pen, files that leave something open, and a tracker seen while it records."""
 
+import asyncio
 import math
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from playwright.sync_api import expect
 
 from models.people import simulated_people
 from tests.browser.conftest import FINGERS, TABLET, TABLET_LYING, Screen, Screens, away_from_the_browser
@@ -107,8 +110,8 @@ def test_a_file_that_leaves_something_open_asks_and_a_wrong_one_is_told_with_its
     screen.button("Discard all").last.click()
 
 
-async def feed(plant: Any, pieces: int) -> None:
-    """Send what a tracker would: two people, the button pressed while each shows the movement."""
+async def feed(plant: Any, pieces: int, pause: float = 0.0) -> None:
+    """Send what a tracker would: some people, the button pressed while each shows the movement; ``pause`` in s."""
     async with plant.sign_in("teacher") as client:
         recorder = client.workstation("ws1").recorder
         recording = await recorder.start(2, "Tina", "test tracker")
@@ -118,6 +121,7 @@ async def feed(plant: Any, pieces: int) -> None:
                 part = slice(first, first + 200)
                 pressed = np.ones(len(one.times[part]), dtype=bool)
                 await recorder.append(recording, clock + one.times[part], one.points[part], pressed)
+                await asyncio.sleep(pause)
             clock += float(one.times[-1])
             after = clock + np.array([0.1, 0.2, 0.3])
             await recorder.append(recording, after, np.repeat(one.points[-1:], 3, axis=0), [False] * 3)
@@ -138,7 +142,15 @@ def test_a_tracker_is_seen_while_it_records_and_a_skill_is_learned_from_it(
     screen.marked("record-discard").click()
     screen.marked("recorder-state").get_by_text("○ nothing is being recorded").wait_for()
 
-    away_from_the_browser(lambda: feed(plant, 3))
+    with ThreadPoolExecutor(1) as tracker:
+        fed = tracker.submit(away_from_the_browser, lambda: feed(plant, 3, pause=0.3))
+        screen.marked("recorded").get_by_text("● demonstration-02").wait_for()
+        button, told = screen.page.get_by_label("Discard demonstration-01").element_handle(), screen.marked("recorded")
+        before = told.text_content() or ""
+        expect(told).not_to_have_text(before)
+        assert button is not None
+        assert button.evaluate("it => it.isConnected"), "samples came: a press on its way to it would have been lost"
+        fed.result()
     screen.marked("recorder-told").get_by_text("3 demonstrations").wait_for()
     screen.page.wait_for_function("parseInt(document.querySelector('canvas.plate').dataset.pressed) > 1000")
     screen.page.get_by_label("Discard demonstration-03").click()

@@ -2,7 +2,8 @@
 
 import asyncio
 import re
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
 from nicegui import ui
@@ -27,6 +28,7 @@ class Judging:
         self.session, self.words = page.session, page.words
         self.skill: Skill = page.version.skill
         self.retiring, self.retire_reason = False, ""
+        self.listed: list[tuple[int, str, Mapping[str, Any]]] = []
         with ui.element("div").classes("sheet stack"):
             self._head()
             self.change = ui.label().classes("small").props('data-mark="change"')
@@ -111,8 +113,9 @@ class Judging:
             .props('data-mark="reason"')
         )
         self.refusal = ui.label().classes("check-bad small").props('data-mark="refusal"')
-        if self.page.version.draft.changed:
-            ui.label(words("Your edits are not part of this version: learn again first.")).classes("small check-bad")
+        unlearned = ui.label(words("Your edits are not part of this version: learn again first."))
+        unlearned.classes("small check-bad").props('data-mark="unlearned"')
+        unlearned.bind_visibility_from(self.page.version.draft, "changed")
         with ui.element("div").classes("line"):
             yes = ui.button(
                 words("Approve"), icon="check", on_click=lambda: self._decided("approve", comment.value or "")
@@ -203,13 +206,19 @@ class Judging:
             await self.changed_elsewhere()
 
     async def changed_elsewhere(self) -> None:
-        """Read the version's state again, and whether there is a newer version."""
+        """Read the version's state again, and whether there is a newer version.
+
+        What has not changed is not drawn again: a press on its way to a button that is replaced meanwhile would be
+        lost, and so would a reason that is being written.
+        """
+        before = self.skill
 
         async def read() -> None:
-            self.skill = await self.session.client.skill(self.skill.name, self.skill.version)
+            self.skill = await self.session.client.skill(before.name, before.version)
 
         if await self.page.frame.asked(self.words("Read the skill"), read):
-            self.refresh()
+            if (self.skill.state, self.skill.document) != (before.state, before.document):
+                self.refresh()
             await self.read_versions()
 
     async def read_versions(self) -> None:
@@ -226,6 +235,10 @@ class Judging:
 
         if not await self.page.frame.asked(self.words("Read the versions"), read):
             return
+        listed = [(one.version, one.state, one.document) for one in found]
+        if listed == self.listed:
+            return
+        self.listed = listed
         self.versions.clear()
         with self.versions:
             for one in found:

@@ -47,6 +47,7 @@ async def library_page(frame: Frame) -> None:
 
     found: list[SkillSummary] = []
     runs_on: dict[str, list[str]] = {}
+    shown: dict[str, object] = {"found": None, "runs_on": None}
 
     async def find() -> None:
         async def ask() -> None:
@@ -60,7 +61,8 @@ async def library_page(frame: Frame) -> None:
                 ):
                     runs_on.setdefault(skill.name, []).append(f"{one}: {words('version')} {skill.version}")
 
-        if await frame.asked(words("Search"), ask):
+        if await frame.asked(words("Search"), ask) and (found, runs_on) != (shown["found"], shown["runs_on"]):
+            shown.update(found=list(found), runs_on=dict(runs_on))
             show()
 
     async def bring_in(event: UploadEventArguments) -> None:

@@ -31,6 +31,8 @@ class RecorderSheet:
         self.state: RecorderState | None = None
         self.shown: tuple[str, int] = ("", 0)
         self.presses: Presses | None = None
+        self.rows: tuple[tuple[str, ...], str] = ((), "")
+        self.counts: list[ui.label] = []
         words = self.words
         with ui.element("div").classes("line"):
             ui.label(f"{words('Tracker at')} {self.station}").classes("sheet-title")
@@ -120,20 +122,28 @@ class RecorderSheet:
         self.start_button.set_visibility(may and not recording)
         self.finish_button.set_visibility(may and recording)
         self.discard_button.set_visibility(may and state is not None and bool(state.recording_id))
-        self.listed.clear()
-        with self.listed:
-            for number, name in enumerate(self.presses.ids if self.presses else ()):
-                self._row(number, name)
+        self._list()
         self.changed()
 
-    def _row(self, number: int, name: str) -> None:
+    def _list(self) -> None:
+        """List the presses. Rows are made anew only when there are others: no press of a button is lost meanwhile."""
         presses = self.presses
-        assert presses is not None
-        goes_on = presses.goes_on and number == len(presses.ids) - 1
+        names = tuple(presses.ids) if presses is not None else ()
+        going_on = names[-1] if presses is not None and presses.goes_on and names else ""
+        if (names, going_on) != self.rows:
+            self.rows, self.counts = (names, going_on), []
+            self.listed.clear()
+            with self.listed:
+                for name in names:
+                    self._row(name, name == going_on)
+        if presses is not None:
+            for label, first, last in zip(self.counts, presses.first, presses.last, strict=True):
+                label.text = f"{last - first + 1} {self.words('samples')}"
+
+    def _row(self, name: str, goes_on: bool) -> None:
         with ui.element("div").classes("line queued"):
-            count = presses.last[number] - presses.first[number] + 1
             ui.label(f"{'● ' if goes_on else ''}{name}").classes("small")
-            ui.label(f"{count} {self.words('samples')}").classes("small soft")
+            self.counts.append(ui.label().classes("small soft"))
             ui.space()
             if not goes_on and self.session.may("record"):
                 ui.button(icon="close", on_click=lambda: self.discard(name)).props("flat round").props["aria-label"] = (

@@ -134,6 +134,21 @@ async def test_an_item_ignores_range_and_filter(stock: Stock):
     await stock.session().delete_subscriptions([number])
 
 
+async def test_a_full_queue_loses_in_silence(stock: Stock):
+    number = await subscribed(stock)
+    made = await item(stock, number, "Speed", QueueSize=2, DiscardOldest=False)
+    for value in (2.25, 2.5, 2.75):
+        await stock.server.get_node(stock.node("Speed")).write_value(value)
+    queued = subscription(stock, number)._triggered_datachanges[made.MonitoredItemId]
+    told = [(one.Value.Value.Value, one.Value.StatusCode.value) for one in queued]
+    assert told == [(2.5, 0), (2.75, 0)], mended("what is lost is told", "subscriptions.py: queue_value")
+    heard = await item(stock, number, "Server", Filter=ua.EventFilter(), QueueSize=1)
+    assert heard.RevisedQueueSize == 1, mended("events have a least queue", "items.py: Items._queue_for_events")
+    item_ids = ua.DeleteMonitoredItemsParameters(number, [heard.MonitoredItemId])
+    await stock.session().delete_monitored_items(item_ids)
+    await stock.session().delete_subscriptions([number])
+
+
 async def test_an_item_that_samples_reports(stock: Stock):
     number = await subscribed(stock)
     subscription(stock, number)._pop_publish_result()
