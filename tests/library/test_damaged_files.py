@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from library.errors import ReaderError
@@ -65,18 +65,24 @@ def damaged(text: str, kind: str, where: int, other: int) -> bytes:
 
 
 def only_true_samples(found: Demonstration, *, but: int = 1) -> bool:
-    """Return whether every sample of the marker is a true one at its true time, ``but`` the last and one at most."""
-    steps = np.diff(found.times) * RATE
-    if not np.allclose(steps, np.round(steps), rtol=0, atol=1e-3):
+    """Return whether every sample of the marker is a true one at its true time, ``but`` the last and one at most.
+
+    One may be in a wrong place or at a wrong time: where a format keeps no sums, nobody can tell that a bit of it is
+    another.
+    """
+    grid = found.times * RATE
+    if (np.diff(grid) <= 0).any():
         return False
-    frames = np.round(np.concatenate([[0.0], np.cumsum(steps)])).astype(int)
+    grid -= np.median(grid - np.round(grid))
+    frames = np.round(grid).astype(int)
+    astray = np.abs(grid - frames) > 1e-3
     truth = WAYS[1] * 0.001
-    for start in range(len(truth)):
+    for start in range(-int(frames[-1]), len(truth)):
         places = frames + start
-        if places[-1] >= len(truth):
-            return False
-        same = np.isclose(found.points, truth[places], rtol=0, atol=1e-6, equal_nan=True).all(axis=1)
-        if int((~same).sum()) <= but:
+        there = (places >= 0) & (places < len(truth))
+        told = truth[np.where(there, places, 0)]
+        same = np.isclose(found.points, told, rtol=0, atol=1e-6, equal_nan=True).all(axis=1)
+        if int((astray | ~there | ~same).sum()) <= but:
             return True
     return False
 
@@ -184,6 +190,7 @@ def test_a_file_of_a_bag_alone_is_read_without_its_folder(whole_bag: Path) -> No
 
 
 @given(spot=st.integers(0, 10**7), flip=st.integers(1, 255), cut=st.booleans())
+@example(spot=32593, flip=64, cut=False)  # a time that is 16 microseconds another
 @settings(deadline=None, max_examples=40)
 def test_a_damaged_bag_is_an_error_or_true_samples(whole_bag: Path, spot: int, flip: int, cut: bool) -> None:
     content = whole_bag.read_bytes()
