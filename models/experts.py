@@ -16,30 +16,28 @@ Only the distance across the path counts in that fit: a point may slide along th
 # pyright: reportMissingTypeStubs=false, reportAttributeAccessIssue=false
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from itertools import pairwise
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
+from scipy.spatial import cKDTree
 
 from models.demonstration import Floats
 from models.evaluation import smoothness
 from models.geometry import diagonal, norms
 from models.group import directions
 from models.mixture import Mixture, fit_tied, in_bins
-from models.phase import corners, from_chord
+from models.phase import at
+from models.polygons import edges_of
 from models.regression import activations
 
-CORNERS = (0.1, 0.08, 0.065, 0.05)
-STRAIGHT = 0.02
-BOWED = 0.05
-SURE = 5.0
 CURVE_COMPONENTS = (6, 8, 10, 12, 16, 20, 24, 32)
 LONG_CURVE_COMPONENTS = (48, 64)
 LONG_CURVE_TOLERANCE = 0.006
 CURVE_SHARPNESS = (0.25, 0.4)
 POLYGON_SHARPNESS = (1.4, 1.7, 2.0, 2.5, 3.0, 4.0)
 CORNER_MISS = 0.001
+ASTRAY = 0.006
 CORNER_REACH = 0.02
 CORNER_WEIGHT = 3.0
 BENDING = (0.0, 0.65)
@@ -105,23 +103,6 @@ class MeanPath:
     turned: Floats | None = None
 
 
-def edges_of(mean: Floats, wavering: float = 0.0) -> tuple[tuple[int, ...], bool]:
-    """Return the indices of the corners of a mean path (n, d), ends included, and whether it is a polygon.
-
-    It may be one if no edge between the corners that Douglas and Peucker find strays from its chord by more than 2 % of
-    the diagonal and 5 % of its own length, or than five standard errors (``wavering``, in m) where hands are less
-    steady; the fewest corners that are enough are taken.
-    """
-    size = diagonal(mean)
-    candidates = [corners(mean, tolerance * size) for tolerance in CORNERS]
-    for found in candidates:
-        edges = [mean[first : last + 1] for first, last in pairwise(found)]
-        straight = [max(min(STRAIGHT * size, BOWED * diagonal(edge[[0, -1]])), SURE * wavering) for edge in edges]
-        if all(from_chord(edge).max() <= limit for edge, limit in zip(edges, straight, strict=True)):
-            return found, True
-    return candidates[-1], False
-
-
 def fit_handover(people: MeanPath, samples: Floats, components: int) -> Fit:
     """Return the hand-over and lines for the people's mean path.
 
@@ -137,19 +118,19 @@ def fit_handover(people: MeanPath, samples: Floats, components: int) -> Fit:
         fewer = [count for count in CURVE_COMPONENTS if count < len(found) and not components]
         if not any(
             fit.rms <= BENT_RMS * size and fit.furthest <= BENT_MAX * size
-            for fit in _curves(mean, samples, fewer, CURVE_SHARPNESS)
+            for fit in _curves(mean, fewer, CURVE_SHARPNESS)
         ):
             return _polygon(mean, samples, _divided(mean, samples, found, turned if not components else None))
     if not components:
-        return _smooth_curve(mean, samples, uncertainty)
-    tied = fit_tied(samples, in_bins(samples, np.linspace(0.0, 1.0, components + 1)))
+        return _smooth_curve(mean, uncertainty)
+    tied = _clocks(fit_tied(samples, in_bins(samples, np.linspace(0.0, 1.0, components + 1))))
     widths = (*CURVE_SHARPNESS, 0.7, 1.0, *POLYGON_SHARPNESS)
     tried = [_judged(mean, _fit(mean, _sharpened(tied, sharpness))) for sharpness in widths]
     near = max(NEAR * size, UNCERTAINTY * uncertainty)
     return next((fit for fit in tried if fit.furthest <= near), min(tried, key=lambda fit: fit.furthest))
 
 
-def _smooth_curve(mean: Floats, samples: Floats, uncertainty: float) -> Fit:
+def _smooth_curve(mean: Floats, uncertainty: float) -> Fit:
     """Return the hand-over and lines that follow a curve's mean path (n, d) smoothly.
 
     Of the tolerances 0.12 % to 0.4 % of the diagonal (or a twentieth of the mean's standard error) the first counts
@@ -160,7 +141,7 @@ def _smooth_curve(mean: Floats, samples: Floats, uncertainty: float) -> Fit:
     limits = [max(tolerance * diagonal(mean), UNCERTAINTY * uncertainty) for tolerance in TOLERANCES]
     fits: list[JudgedFit] = []
     for count in CURVE_COMPONENTS:
-        fits += _curves(mean, samples, (count,), CURVE_SHARPNESS)
+        fits += _curves(mean, (count,), CURVE_SHARPNESS)
         if any(fit.smoothness >= ROUGH and fit.furthest <= limits[0] for fit in fits):
             break
     smooth = [fit for fit in fits if fit.smoothness >= ROUGH]
@@ -169,7 +150,7 @@ def _smooth_curve(mean: Floats, samples: Floats, uncertainty: float) -> Fit:
         if near:
             return min(near, key=lambda fit: (len(fit.handover.centres), -fit.smoothness))
     for count in (0, *LONG_CURVE_COMPONENTS):
-        fits += _curves(mean, samples, (count,) if count else (), CURVE_SHARPNESS)
+        fits += _curves(mean, (count,) if count else (), CURVE_SHARPNESS)
         near = [fit for fit in fits if fit.furthest <= LONG_CURVE_TOLERANCE * diagonal(mean)]
         if near:
             return max(near, key=lambda fit: fit.smoothness)
@@ -194,27 +175,41 @@ def _divided(mean: Floats, samples: Floats, found: tuple[int, ...], turned: Floa
 
 
 def _polygon(mean: Floats, samples: Floats, found: tuple[int, ...]) -> Fit:
-    """Return one component for each edge, with the widest hand-over that hardly cuts the corners."""
+    """Return one component for each edge, with the widest hand-over that hardly cuts a corner or bulges beside one.
+
+    The components are those of the tied mixture. Where an edge is short beside what the people differ by, its component
+    spreads over its neighbours; if that costs more than 0.6 % of the diagonal, the edges' own stretches of the clock
+    count.
+    """
     clock = np.linspace(0.0, 1.0, len(mean))
-    tied = fit_tied(samples, in_bins(samples, clock[list(found)]))
+    knots = clock[list(found)]
     away = np.abs(np.subtract.outer(np.arange(len(mean)), found[1:-1])).min(axis=1, initial=len(mean))
     weights = np.where(away < CORNER_REACH * len(mean), CORNER_WEIGHT, 1.0)
-    *wider, sharpest = (_sharpened(tied, sharpness) for sharpness in POLYGON_SHARPNESS)
-    sharp = _fit(mean, sharpest, weights)
-    limit = _corner_miss(sharp, mean, found) + CORNER_MISS * diagonal(mean)
-    fits = (_fit(mean, handover, weights) for handover in wider)
-    return next((fit for fit in fits if _corner_miss(fit, mean, found) <= limit), sharp)
+    tree = cKDTree(at(np.linspace(0.0, 1.0, 4 * len(mean)), clock, mean))
+
+    def missed(fit: Fit) -> Floats:
+        path = fit.handover.basis(np.linspace(0.0, 1.0, 4 * len(mean))) @ fit.coefficients
+        corner = max(float(norms(path - mean[corner]).min()) for corner in found)
+        return np.array([corner, float(tree.query(path)[0].max())])
+
+    starts = _clocks(fit_tied(samples, in_bins(samples, knots))), _stretches(knots)
+    sharpest = [_fit(mean, _sharpened(start, POLYGON_SHARPNESS[-1]), weights) for start in starts]
+    misses = [missed(fit) for fit in sharpest]
+    chosen = int(misses[0][1] > misses[1][1] + ASTRAY * diagonal(mean))
+    limits = misses[chosen] + np.array([CORNER_MISS, ASTRAY]) * diagonal(mean)
+    wider = (_fit(mean, _sharpened(starts[chosen], sharpness), weights) for sharpness in POLYGON_SHARPNESS[:-1])
+    return next((fit for fit in wider if (missed(fit) <= limits).all()), sharpest[chosen])
 
 
-def _curves(mean: Floats, samples: Floats, counts: Sequence[int], sharpnesses: Sequence[float]) -> Iterator[JudgedFit]:
+def _curves(mean: Floats, counts: Sequence[int], sharpnesses: Sequence[float]) -> Iterator[JudgedFit]:
     """Give the fits with each of ``counts`` components in even bins of the clock, and in bins narrow where it bends.
 
     The lines are fitted to the mean anyway, so bins need no expectation maximisation: it neither brings them nearer
-    nor makes them smoother.
+    nor makes them smoother. A bin's extent is the standard deviation of its clock, the bin's width by sqrt(12).
     """
     for count in counts:
         for share in BENDING:
-            bins = in_bins(samples, _bins(mean, count, share))
+            bins = _stretches(_bins(mean, count, share))
             for sharpness in sharpnesses:
                 yield _judged(mean, _fit(mean, _sharpened(bins, sharpness)))
 
@@ -262,15 +257,19 @@ def retimed(path: Floats, mean: Floats, window: float = WINDOW) -> Floats:
     return np.minimum(np.maximum.accumulate(where), count - 1.0)
 
 
-def _corner_miss(fit: Fit, mean: Floats, found: tuple[int, ...]) -> float:
-    """Return the largest distance in m of a corner of the mean path from the fitted one."""
-    path = fit.handover.basis(np.linspace(0.0, 1.0, 4 * len(mean))) @ fit.coefficients
-    return max(float(norms(path - mean[corner]).min()) for corner in found)
+def _clocks(mixture: Mixture) -> Handover:
+    """Return where on the clock the components of a mixture live."""
+    order = np.argsort(mixture.means[:, 0], kind="stable")
+    return Handover(mixture.means[order, 0], np.sqrt(mixture.covariances[order, 0, 0]))
 
 
-def _sharpened(tied: Mixture, sharpness: float) -> Handover:
-    order = np.argsort(tied.means[:, 0], kind="stable")
-    return Handover(tied.means[order, 0], np.sqrt(tied.covariances[order, 0, 0] / sharpness))
+def _stretches(knots: Floats) -> Handover:
+    """Return the components that live on the stretches between rising clock values (K + 1,), evenly filled."""
+    return Handover(0.5 * (knots[1:] + knots[:-1]), np.diff(knots) / np.sqrt(12.0))
+
+
+def _sharpened(handover: Handover, sharpness: float) -> Handover:
+    return replace(handover, extents=handover.extents / np.sqrt(sharpness))
 
 
 def _fit(mean: Floats, handover: Handover, weights: Floats | None = None) -> Fit:

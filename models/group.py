@@ -23,7 +23,6 @@ from models.demonstration import Bools, Floats
 from models.geometry import diagonal, norms
 from models.phase import arc_lengths, at, corners
 
-POINTS = 256
 MEDOID_POINTS = 64
 MEDOID_CANDIDATES = 24
 ROUNDS = 2
@@ -46,7 +45,7 @@ LEAST_COVER = 0.3
 class Group:
     """u drawings laid upon each other at n instants of the common shape.
 
-    ``positions`` (u, n): fractional sample of each drawing's 256, NaN where it has nothing to say;
+    ``positions`` (u, n): fractional sample of each drawing's n, NaN where it has nothing to say;
     ``first`` and ``last`` (u,): between which instants it was there; ``late`` and ``early`` (u,): whether that is a
     fault.
     ``weights`` (u, n): 0..1, fading where a drawing begins late or ends early, so that the mean does not jump there.
@@ -128,12 +127,12 @@ def lay_upon_each_other(curves: Floats, reference: int, method: str, radius: int
     return Group(positions, first / (points - 1.0), last / (points - 1.0), late, early, weights)
 
 
-def skips(positions: Floats) -> Bools:
-    """Return from which of rising positions (m,) on, in a drawing of 256 points, 8 % more of its way than usual are
-    passed within 2 % of the shape: (m - reach,).
+def skips(positions: Floats, points: int) -> Bools:
+    """Return from which of rising positions (m,) on, in a drawing of ``points`` points, 8 % more of its way than usual
+    are passed within 2 % of the shape: (m - reach,).
     """
-    reach = max(1, round(SKIPPED_IN * POINTS))
-    return (positions[reach:] - positions[:-reach]) / (POINTS - 1.0) > LEAST_EXTRA + SKIPPED_IN
+    reach = max(1, round(SKIPPED_IN * points))
+    return (positions[reach:] - positions[:-reach]) / (points - 1.0) > LEAST_EXTRA + SKIPPED_IN
 
 
 def _by_length(positions: Floats, shape: Floats) -> Floats:
@@ -152,7 +151,7 @@ def _by_length(positions: Floats, shape: Floats) -> Floats:
         if high - low < 2 * beside:
             continue
         for own in positions[:, low : high + 1]:
-            if np.isfinite(own).all() and not skips(own).any():
+            if np.isfinite(own).all() and not skips(own, count).any():
                 own[:] = np.linspace(own[0], own[-1], len(own))
     return positions
 

@@ -26,6 +26,7 @@ WANDER = 1e-3
 TREMBLE = 0.25e-3
 CAMERA = 0.3e-3
 TILT = np.deg2rad(2.0)
+MOST_REST = 0.6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -156,10 +157,14 @@ def _own_corners(generator: np.random.Generator, truth: Floats) -> Floats:
 
 
 def _progress(generator: np.random.Generator, corners: Floats, clock: Floats) -> Floats:
-    """Return the way gone (n,), 0..1, at each instant of ``clock`` (n,), 0..1: pauses at corners, slow around them."""
+    """Return the way gone (n,), 0..1, at each instant of ``clock`` (n,), 0..1: pauses at corners, slow around them.
+
+    However many corners there are, people rest for 60 % of the time at most.
+    """
     edges = np.sqrt((np.diff(corners, axis=0) ** 2).sum(axis=1))
     shares = edges / edges.sum()
     pauses = generator.uniform(0.0, 0.045, len(edges) + 1)
+    pauses *= min(1.0, MOST_REST / float(pauses.sum()))
     moving = shares * generator.uniform(0.8, 1.2, len(edges))
     moving *= (1.0 - pauses.sum()) / moving.sum()
     softness = float(generator.uniform(0.3, 0.9))

@@ -53,7 +53,8 @@ def from_chord(path: Floats) -> Floats:
 def corners(path: Floats, tolerance: float) -> tuple[int, ...]:
     """Return the indices of the corners of a path (n, d), its ends included, by Douglas and Peucker.
 
-    A point is a corner if it is further than ``tolerance`` from the straight line between the corners around it.
+    A point is a corner if it is further than ``tolerance`` from the straight line between the corners around it. What
+    an early division of the path left that its neighbours make needless, is no corner.
     """
     found = {0, len(path) - 1}
     stretches = [(0, len(path) - 1)]
@@ -67,4 +68,17 @@ def corners(path: Floats, tolerance: float) -> tuple[int, ...]:
             corner = first + 1 + furthest
             found.add(corner)
             stretches += [(first, corner), (corner, last)]
-    return tuple(sorted(found))
+    return _needed(path, sorted(found), tolerance)
+
+
+def _needed(path: Floats, found: list[int], tolerance: float) -> tuple[int, ...]:
+    while len(found) > 2:
+        without = [
+            float(from_chord(path[before : after + 1]).max())
+            for before, after in zip(found[:-2], found[2:], strict=True)
+        ]
+        least = int(np.argmin(without))
+        if without[least] > tolerance:
+            break
+        del found[least + 1]
+    return tuple(found)

@@ -15,8 +15,8 @@ from models.correspondence import Correspondence, Fitted, Progress, Remark, take
 from models.demonstration import Floats
 from models.errors import MixedDemonstrations
 from models.experts import Fit, Handover, MeanPath, fit_handover, lines, retimed
-from models.geometry import diagonal
-from models.group import POINTS, Group, lay_upon_each_other, mean_of, reference_of, taken
+from models.geometry import diagonal, norms
+from models.group import Group, lay_upon_each_other, mean_of, reference_of, taken
 from models.mixture import Mixture
 from models.oddness import against_direction, first_pass, mismatch, odd_ones, wavering
 from models.options import LearningOptions
@@ -25,9 +25,11 @@ from models.placing import laid_freely
 from models.shapes import other_shapes
 from models.stretches import Extra, Pause, extras, pauses
 
+POINTS = 256
+LONG = 4.0
+MOST_FINER = 2.0
 CLOCK_POINTS = 300
-FIT_POINTS = 100
-FIT_ROWS = 3000
+FIT_ROWS = 2000
 ROUNDS = 3
 LEAST_PACE = 0.25
 MIXED = 0.12
@@ -76,12 +78,12 @@ def fit_recommended(motions: list[CleanMotion], options: LearningOptions, tell: 
         if group.early[i] or group.late[i]:
             in_part[row] = _partly(group, i)
         elif not np.isfinite(aligned.points[i, :, 0]).all():
-            place = float(np.flatnonzero(~np.isfinite(aligned.points[i, :, 0]))[0]) / (CLOCK_POINTS - 1)
+            place = float(np.flatnonzero(~np.isfinite(aligned.points[i, :, 0]))[0]) / (aligned.points.shape[1] - 1)
             in_part[row] = Remark(f"the marker was lost at {place:.2f} of the path: used around it", place, None)
     fit, aligned = _fit(aligned, options)
     duration, times = _timing(aligned)
     mixture = _mixture(fit, aligned, times, options.clock or "path", duration)
-    phases = np.linspace(0.0, 1.0, CLOCK_POINTS)
+    phases = np.linspace(0.0, 1.0, aligned.times.shape[1])
     name = "time" if options.clock == "time" else "path"
     paused, extra = _stretches(motions, curves, places, rows, group, aligned)
     return Fitted(
@@ -118,12 +120,23 @@ def _stretches(
 
 
 def _curves(motions: list[CleanMotion]) -> tuple[Floats, Floats]:
-    """Return each motion at 256 points (u, n, d), evenly spaced along its way, and their fractional samples (u, n)."""
+    """Return each motion at points (u, n, d), evenly spaced along its way, and their fractional samples (u, n).
+
+    256 points follow most drawings to the millimetre; one that is longer than four times its own diagonal, such as a
+    raster, gets up to twice as many.
+    """
+    curves, places = _sampled(motions, POINTS)
+    ways = norms(np.diff(curves, axis=1)).sum(axis=1)
+    long = float(np.median(ways / np.maximum([diagonal(curve) for curve in curves], 1e-300))) / LONG
+    return (curves, places) if long <= 1.0 else _sampled(motions, 2 * round(0.5 * POINTS * min(long, MOST_FINER)))
+
+
+def _sampled(motions: list[CleanMotion], points: int) -> tuple[Floats, Floats]:
     places: list[Floats] = []
     curves: list[Floats] = []
     for motion in motions:
         index = np.arange(len(motion.times), dtype=np.float64)
-        places.append(np.interp(np.linspace(0.0, 1.0, POINTS), travelled(motion), index))
+        places.append(np.interp(np.linspace(0.0, 1.0, points), travelled(motion), index))
         curves.append(at(places[-1], index, motion.points))
     return np.stack(curves), np.stack(places)
 
@@ -157,7 +170,7 @@ def _until(motion: CleanMotion, sample: float) -> CleanMotion:
 
 
 def _taken(motions: list[CleanMotion], places: Floats, group: Group) -> Correspondence:
-    index = np.arange(POINTS, dtype=np.float64)
+    index = np.arange(places.shape[1], dtype=np.float64)
     samples = np.stack(
         [np.interp(where, index, own) + 0.0 * where for where, own in zip(group.positions, places, strict=True)]
     )
@@ -165,10 +178,11 @@ def _taken(motions: list[CleanMotion], places: Floats, group: Group) -> Correspo
 
 
 def _evened(aligned: Correspondence) -> Correspondence:
-    """Return the motions at 300 instants, evenly spaced along their mean path."""
+    """Return the motions at 300 instants (or more, where more points are drawn), evenly along their mean path."""
     lengths = arc_lengths(moving_average(mean_of(aligned.points, aligned.weights), 5))
     index = np.arange(len(lengths), dtype=np.float64)
-    return aligned.at_instants(np.interp(np.linspace(0.0, lengths[-1], CLOCK_POINTS), lengths, index))
+    instants = round(CLOCK_POINTS * len(lengths) / POINTS)
+    return aligned.at_instants(np.interp(np.linspace(0.0, lengths[-1], instants), lengths, index))
 
 
 def _partly(group: Group, row: int) -> Remark:
@@ -186,25 +200,27 @@ def _fit(aligned: Correspondence, options: LearningOptions) -> tuple[Fit, Corres
     """Return hand-over and lines of the mean path, and the motions at the instants nearest to the path so fitted."""
     if options.clock == "time":
         _, times = _timing(aligned)
-        index = np.arange(CLOCK_POINTS, dtype=np.float64)
-        aligned = aligned.at_instants(np.interp(np.linspace(0.0, 1.0, CLOCK_POINTS), times / times[-1], index))
+        even = np.linspace(0.0, 1.0, len(times))
+        aligned = aligned.at_instants(np.interp(even, times / times[-1], np.arange(len(times), dtype=np.float64)))
     mean = mean_of(aligned.points, aligned.weights)
     spread = float(np.sqrt(np.nanmean(((aligned.points - mean) ** 2).sum(axis=2))))
     turned = None if aligned.orientations is None else mean_of(aligned.orientations, aligned.weights)
     people = MeanPath(mean, spread / np.sqrt(len(aligned.points)), wavering(aligned.points, mean), turned)
     fit = fit_handover(people, _samples(aligned), options.components)
-    path = fit.handover.basis(np.linspace(0.0, 1.0, CLOCK_POINTS)) @ fit.coefficients
+    path = fit.handover.basis(np.linspace(0.0, 1.0, len(mean))) @ fit.coefficients
     return fit, aligned.at_instants(retimed(path, mean))
 
 
 def _samples(aligned: Correspondence) -> Floats:
-    """Return clock and position (r, 1 + d) of all motions, at most 3000 rows: more do not move the mixture."""
-    count = min(FIT_POINTS, max(25, FIT_ROWS // len(aligned.points)))
-    chosen = np.linspace(0, CLOCK_POINTS - 1, count).round().astype(np.int64)
-    clock = np.broadcast_to(chosen / (CLOCK_POINTS - 1.0), aligned.times[:, chosen].shape)
-    rows = np.concatenate([clock[:, :, None], aligned.points[:, chosen]], axis=2).reshape(
-        -1, 1 + aligned.points.shape[2]
-    )
+    """Return clock and position (r, 1 + d) of the motions, about 2000 rows: more do not move the mixture.
+
+    Every instant is there, for a short edge has few of them; of many people, others at each instant.
+    """
+    count, instants = aligned.times.shape
+    every = max(1, round(count * instants / FIT_ROWS))
+    turns = (np.arange(count)[:, None] + np.arange(instants)) % every == 0
+    clock = np.broadcast_to(np.linspace(0.0, 1.0, instants), aligned.times.shape)
+    rows = np.concatenate([clock[:, :, None], aligned.points], axis=2)[turns]
     return rows[np.isfinite(rows).all(axis=1)]
 
 
@@ -229,7 +245,7 @@ def _mixture(fit: Fit, aligned: Correspondence, times: Floats, clock: str, durat
     """
     handover = fit.handover
     components = len(handover.centres)
-    grid = np.linspace(0.0, 1.0, CLOCK_POINTS)
+    grid = np.linspace(0.0, 1.0, len(times))
     basis = handover.basis(grid)
     coefficients = [fit.coefficients]
     values = [aligned.points]

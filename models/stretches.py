@@ -85,7 +85,7 @@ def extras(curve: Floats, positions: Floats, path: Floats, times: Floats) -> tup
     count = len(positions)
     known = np.flatnonzero(np.isfinite(positions))
     where = positions[known]
-    skipped = skips(where)
+    skipped = skips(where, count)
     if not len(skipped):
         return ()
     over = np.convolve(skipped, np.ones(len(where) - len(skipped))) > 0
