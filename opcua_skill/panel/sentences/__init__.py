@@ -15,8 +15,9 @@ from opcua_skill.panel.sentences.files import FILES
 from opcua_skill.panel.sentences.learning import LEARNING
 from opcua_skill.panel.sentences.library import LIBRARY
 from opcua_skill.panel.sentences.motion import MOTION
+from opcua_skill.panel.sentences.values import VALUES
 
-PATTERNS: dict[str, str] = LEARNING | MOTION | LIBRARY | FILES
+PATTERNS: dict[str, str] = LEARNING | MOTION | LIBRARY | FILES | VALUES
 HOLE = re.compile(r"\{(\w+)\}")
 A_NUMBER, A_SENTENCE = re.compile(r"n\d*"), re.compile(r"t\d*")
 NUMBER = r"-?(?:\d[\d.]*(?:e[+-]?\d+)?|nan|inf)"

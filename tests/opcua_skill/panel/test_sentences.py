@@ -14,6 +14,7 @@ from opcua_skill.panel.sentences.files import FILES
 from opcua_skill.panel.sentences.learning import LEARNING
 from opcua_skill.panel.sentences.library import LIBRARY
 from opcua_skill.panel.sentences.motion import MOTION
+from opcua_skill.panel.sentences.values import VALUES
 from opcua_skill.security.settings import SecuritySettings
 
 ROOT = Path(__file__).parents[3]
@@ -158,7 +159,7 @@ def test_what_a_configuration_weakens_is_said_in_german() -> None:
 
 
 def test_no_pattern_stands_twice() -> None:
-    assert len(PATTERNS) == len(LEARNING) + len(MOTION) + len(LIBRARY) + len(FILES)
+    assert len(PATTERNS) == len(LEARNING) + len(MOTION) + len(LIBRARY) + len(FILES) + len(VALUES)
 
 
 @pytest.mark.parametrize(
