@@ -185,20 +185,31 @@ def _polygon(mean: Floats, samples: Floats, found: tuple[int, ...]) -> Fit:
     knots = clock[list(found)]
     away = np.abs(np.subtract.outer(np.arange(len(mean)), found[1:-1])).min(axis=1, initial=len(mean))
     weights = np.where(away < CORNER_REACH * len(mean), CORNER_WEIGHT, 1.0)
-    tree = cKDTree(at(np.linspace(0.0, 1.0, 4 * len(mean)), clock, mean))
+    closely = np.linspace(0.0, 1.0, 4 * len(mean))
+    tree = cKDTree(at(closely, clock, mean))
 
-    def missed(fit: Fit) -> Floats:
-        path = fit.handover.basis(np.linspace(0.0, 1.0, 4 * len(mean))) @ fit.coefficients
-        corner = max(float(norms(path - mean[corner]).min()) for corner in found)
-        return np.array([corner, float(tree.query(path)[0].max())])
+    def path_of(fit: Fit) -> Floats:
+        return fit.handover.basis(closely) @ fit.coefficients
+
+    def cut(path: Floats) -> float:
+        return max(float(norms(path - mean[corner]).min()) for corner in found)
+
+    def bulge(path: Floats) -> float:
+        return float(tree.query(path[::2])[0].max())
 
     starts = _clocks(fit_tied(samples, in_bins(samples, knots))), _stretches(knots)
     sharpest = [_fit(mean, _sharpened(start, POLYGON_SHARPNESS[-1]), weights) for start in starts]
-    misses = [missed(fit) for fit in sharpest]
-    chosen = int(misses[0][1] > misses[1][1] + ASTRAY * diagonal(mean))
-    limits = misses[chosen] + np.array([CORNER_MISS, ASTRAY]) * diagonal(mean)
-    wider = (_fit(mean, _sharpened(starts[chosen], sharpness), weights) for sharpness in POLYGON_SHARPNESS[:-1])
-    return next((fit for fit in wider if (missed(fit) <= limits).all()), sharpest[chosen])
+    paths = [path_of(fit) for fit in sharpest]
+    bulges = [bulge(path) for path in paths]
+    size = diagonal(mean)
+    chosen = int(bulges[0] > bulges[1] + ASTRAY * size)
+    deepest, widest = cut(paths[chosen]) + CORNER_MISS * size, bulges[chosen] + ASTRAY * size
+    for sharpness in POLYGON_SHARPNESS[:-1]:
+        fit = _fit(mean, _sharpened(starts[chosen], sharpness), weights)
+        path = path_of(fit)
+        if cut(path) <= deepest and bulge(path) <= widest:
+            return fit
+    return sharpest[chosen]
 
 
 def _curves(mean: Floats, counts: Sequence[int], sharpnesses: Sequence[float]) -> Iterator[JudgedFit]:
