@@ -18,6 +18,7 @@ from library.store import SkillLibrary
 from opcua_skill.client import APPLICATION_URI, SkillClient
 from opcua_skill.security import TrustList, ensure_client_certificate, hash_password
 from tests import prepared
+from tests.processes import living
 
 HERE = Path(__file__).parent
 PASSWORD = "correct horse battery"
@@ -70,21 +71,6 @@ def free_port() -> int:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         return taken.getsockname()[1]
-
-
-def living(group: int) -> list[int]:
-    """Return the processes of a group that still run."""
-    try:
-        os.killpg(group, 0)
-    except ProcessLookupError:
-        return []
-    found = []
-    for file in Path("/proc").glob("[0-9]*/stat"):
-        with contextlib.suppress(FileNotFoundError, ProcessLookupError):
-            state, _, its_group = file.read_text(encoding="utf-8").rpartition(")")[2].split()[:3]
-            if int(its_group) == group and state != "Z":
-                found.append(int(file.parent.name))
-    return found
 
 
 @dataclass

@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from opcua_skill.workers import WorkerDied, Workers, WorkerTimeout, report_progress
+from tests.processes import alive
 
 LIMIT = 60.0
 
@@ -82,7 +83,7 @@ async def test_cancelling_ends_the_computation(workers: Workers) -> None:
         await task
     assert await workers.run("asking", own_process, seconds=LIMIT) != before
     async with asyncio.timeout(LIMIT):
-        while _alive(before):
+        while alive(before):
             await asyncio.sleep(0.02)
 
 
@@ -96,7 +97,7 @@ async def test_closing_leaves_no_process(workers: Workers) -> None:
     process = await workers.run("asking", own_process, seconds=LIMIT)
     workers.close()
     async with asyncio.timeout(LIMIT):
-        while _alive(process):
+        while alive(process):
             await asyncio.sleep(0.02)
 
 
@@ -117,19 +118,11 @@ async def test_no_process_outlives_a_killed_parent() -> None:
     assert parent.stdout is not None
     async with asyncio.timeout(LIMIT):
         processes = [int(text) for text in (await parent.stdout.readline()).split()]
-        assert all(_alive(process) for process in processes)
+        assert all(alive(process) for process in processes)
         parent.kill()
         await parent.wait()
-        while any(_alive(process) for process in processes):
+        while any(alive(process) for process in processes):
             await asyncio.sleep(0.05)
-
-
-def _alive(process: int) -> bool:
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    return Path(f"/proc/{process}/stat").read_text(encoding="ascii").rsplit(")", 1)[1].split()[0] != "Z"
 
 
 async def test_a_long_temporary_folder_does_not_stop_learning(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,6 +14,7 @@ from sim import arms
 from sim.arm import ArmFault, ArmMode, StartRefused
 from sim.conformance import away, line_plan, outcome, refusal
 from sim.pybullet_arm import PyBulletArm
+from tests.processes import alive
 
 ROOT = Path(__file__).parents[2]
 
@@ -79,13 +80,6 @@ async def main():
 
 asyncio.run(main())
 """
-
-
-def alive(process_id):
-    try:
-        return Path(f"/proc/{process_id}/stat").read_text().split(")")[1].split()[0] != "Z"
-    except FileNotFoundError:
-        return False
 
 
 def test_nothing_is_left_behind_when_the_parent_is_killed():
