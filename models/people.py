@@ -29,6 +29,12 @@ TILT = np.deg2rad(2.0)
 MOST_REST = 0.6
 
 
+def raster(lines: int) -> Floats:
+    """Return the corners (2 lines, 2) in m of a raster over the plate: lines joined by short edges."""
+    across = np.where(np.arange(2 * lines) // 2 % 2 == np.arange(2 * lines) % 2, 5.0, 60.0)
+    return np.column_stack([across, np.repeat(np.linspace(5.0, 85.0, lines), 2)]) * 1e-3
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class SimulatedGroup:
     """Simulated people and what nobody knows of real ones.

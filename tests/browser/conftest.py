@@ -100,7 +100,7 @@ class Hand:
         self.lift()
 
     def pen(self, points: Sequence[tuple[float, float]], every: int = 0) -> None:
-        """Draw a line with a pen: a point ``every`` ms."""
+        """Draw a line with a pen; ``every`` is the pace of the hand, in ms between two points."""
         for number, (x, y) in enumerate(points):
             kind = "mousePressed" if number == 0 else "mouseMoved"
             self._tell_pen(kind, x, y, 1)

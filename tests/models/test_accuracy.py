@@ -7,7 +7,7 @@ from scipy.spatial import cKDTree
 from models.demonstration import Demonstration, Floats
 from models.evaluation import corner_error, end_error, frechet, path_rms, resampled, smoothness
 from models.learning import LearnedMotion, LearningOptions, VerdictKind, learn
-from models.people import ZIGZAG_IN_SPACE, simulated_group, simulated_people, true_orientations
+from models.people import ZIGZAG_IN_SPACE, raster, simulated_group, simulated_people, true_orientations
 from models.phase import arc_lengths
 
 EVEN = np.linspace(0.0, 1.0, 2001)
@@ -263,13 +263,6 @@ def test_a_shallow_arc_that_all_draw_stays_an_arc(people: int) -> None:
 def mean_of_whole(learned: LearnedMotion) -> Floats:
     """Return the mean (n, d) of those who drew all of it."""
     return np.mean([one.points for one in learned.aligned if np.isfinite(one.points).all()], axis=0)
-
-
-def raster(lines: int) -> Floats:
-    """Return the corners of a raster over the plate: lines joined by short edges."""
-    heights = np.linspace(5.0, 85.0, lines)
-    across = np.where(np.arange(2 * lines) // 2 % 2 == np.arange(2 * lines) % 2, 5.0, 60.0)
-    return np.column_stack([across, np.repeat(heights, 2)]) * 1e-3
 
 
 @pytest.mark.parametrize(("lines", "people"), [(4, 3), (6, 6), (8, 3), (8, 5), (8, 20)])
