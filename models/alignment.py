@@ -105,15 +105,15 @@ def _sweep(references: Floats, others: Floats, open_start: Bools, tell_steps: bo
 
     The motions are the last axis, so that a stretch of a diagonal is one piece of memory. Buffers of a diagonal are
     shifted by one: place i + 1 holds row i, place 0 is outside the table. The next two diagonals look one row beyond
-    either end of this one, where nobody comes from.
+    either end of this one, where nobody comes from: rows beyond the last were never reached, the one before the first
+    is closed.
     """
     batch, m = others.shape[:2]
     n = references.shape[1]
-    steps = np.zeros((n + m - 1 if tell_steps else 0, n, batch), dtype=np.int8)
+    beside, turned = np.empty((2, n + m - 1 if tell_steps else 0, n, batch), dtype=bool)
     totals = np.empty((n, batch), dtype=np.float32)
     before, latest, now = (np.full((n + 1, batch), np.inf, dtype=np.float32) for _ in range(3))
     free = np.where(open_start, 0.0, np.inf)
-    beside = np.empty((n, batch), dtype=bool)
     for diagonal, low, away in _distances(references, others):
         high = low + len(away)
         straight, up, along = before[low:high], latest[low:high], latest[low + 1 : high + 1]
@@ -122,18 +122,17 @@ def _sweep(references: Floats, others: Floats, open_start: Bools, tell_steps: bo
         reached = now[low + 1 : high + 1]
         np.minimum(up, along, out=reached)
         if tell_steps:
-            step = steps[diagonal, low:high]
-            np.greater(up, along, out=beside[low:high])
-            np.add(beside[low:high].view(np.int8), ALONG_REFERENCE, out=step, casting="unsafe")
-            np.greater(straight, reached, out=beside[low:high])
-            np.multiply(step, beside[low:high].view(np.int8), out=step)
+            np.greater(up, along, out=beside[diagonal, low:high])
+            np.greater(straight, reached, out=turned[diagonal, low:high])
         np.minimum(straight, reached, out=reached)
-        reached += away
+        np.add(reached, away, out=reached)
         now[low] = np.inf
-        now[high + 1 :][:1] = np.inf
         if diagonal >= m - 1:
             totals[diagonal - m + 1] = now[diagonal - m + 2]
         before, latest, now = latest, now, before
+    steps = beside.view(np.int8)
+    steps += ALONG_REFERENCE
+    steps *= turned
     return steps, totals.T.astype(np.float64)
 
 
@@ -150,18 +149,20 @@ def _distances(references: Floats, others: Floats) -> Iterator[tuple[int, int, N
     turned = np.zeros((width, m + 2 * (BLOCK - 1), batch), dtype=np.float32)
     turned[:, BLOCK - 1 : BLOCK - 1 + m] = (others[:, ::-1] - middle).transpose(2, 1, 0)
     whole, sample, one = turned.strides
+    room = np.empty((2, BLOCK * n * batch), dtype=np.float32)
     for start in range(0, n + m - 1, BLOCK):
         end = min(start + BLOCK, n + m - 1)
         low, high = max(0, start - m + 1), min(n, end)
         shape = (end - start, high - low, batch)
-        away = np.zeros(shape, dtype=np.float32)
-        difference = np.empty(shape, dtype=np.float32)
+        away, square = (part[: shape[0] * shape[1] * batch].reshape(shape) for part in room)
         for axis in range(width):
             begin = axis * whole + (BLOCK - 1 + m - 1 - start + low) * sample
             shifted = np.ndarray(shape, np.float32, turned.data, begin, (-sample, sample, one))
+            difference = square if axis else away
             np.subtract(rows[axis, low:high], shifted, out=difference)
             np.multiply(difference, difference, out=difference)
-            away += difference
+            if axis:
+                np.add(away, square, out=away)
         np.sqrt(away, out=away)
         for diagonal in range(start, end):
             first_row = max(0, diagonal - m + 1)
@@ -169,29 +170,27 @@ def _distances(references: Floats, others: Floats) -> Iterator[tuple[int, int, N
 
 
 def _backtrack(steps: Steps, totals: Floats, last: Indices, m: int) -> Warps:
-    """Return the warps that end at rows ``last`` (b,), followed backwards cell by cell: plain counting is quicker here
-    than arrays of b.
-    """
+    """Return the warps that end at rows ``last`` (b,), followed backwards cell by cell, all motions at once."""
     n, batch = steps.shape[1:]
     everywhere = np.arange(n)
     first_column = steps[everywhere, everywhere]
     steps[everywhere, everywhere] = np.where(first_column == DIAGONAL, BEGINNING, first_column)
-    cells = steps.tobytes()
-    back = {DIAGONAL: (2 * n + 1) * batch, ALONG_REFERENCE: (n + 1) * batch, ALONG_OTHER: n * batch}
-    sums, hits = np.empty((batch, n)), np.empty((batch, n))
-    first, lengths = np.empty(batch, dtype=np.int64), np.empty(batch)
-    for motion in range(batch):
-        cell = ((int(last[motion]) + m - 1) * n + int(last[motion])) * batch + motion
-        passed = [cell]
-        while (step := cells[cell]) != BEGINNING:
-            cell -= back[step]
-            passed.append(cell)
-        diagonals, rows = np.divmod(np.array(passed) // batch, n)
-        sums[motion] = np.bincount(rows, diagonals - rows, minlength=n)
-        hits[motion] = np.bincount(rows, minlength=n)
-        first[motion], lengths[motion] = rows[-1], len(passed)
+    flat = steps.reshape(-1)
+    back = np.array([2 * n + 1, n + 1, n, 0])[[DIAGONAL, ALONG_REFERENCE, ALONG_OTHER, BEGINNING]] * batch
+    cell = ((last + m - 1) * n + last) * batch + np.arange(batch)
+    passed = [cell]
+    while len(passed) % 16 or flat[cell].min() != BEGINNING:
+        cell = cell - back[flat[cell]]
+        passed.append(cell)
+    trace = np.stack(passed)
+    path = trace[np.concatenate([np.ones((1, batch), dtype=bool), trace[1:] != trace[:-1]])]
+    place, motion = np.divmod(path, batch)
+    diagonals, rows = np.divmod(place, n)
+    where = motion * n + rows
+    sums = np.bincount(where, diagonals - rows, minlength=batch * n).reshape(batch, n)
+    hits = np.bincount(where, minlength=batch * n).reshape(batch, n)
     positions = np.where(hits > 0, sums / np.maximum(hits, 1), np.nan)
-    return Warps(positions, first, last, totals / lengths)
+    return Warps(positions, (hits > 0).argmax(axis=1), last, totals / hits.sum(axis=1))
 
 
 _warned: set[str] = set()

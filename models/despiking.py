@@ -8,7 +8,7 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from models.demonstration import Bools, Floats
-from models.geometry import norms
+from models.geometry import norms, ranked
 
 WINDOW = 0.15
 PASSES = 4
@@ -46,46 +46,39 @@ def _off_the_track(times: Floats, points: Floats) -> Bools:
     """
     spans = np.diff(times)
     speeds = norms(np.diff(points, axis=0)) / spans
-    fastest = JUMP * float(_ranked(speeds, BRISK))
-    low, high = _ranked(points, 0.05), _ranked(points, 0.95)
+    fastest = JUMP * float(ranked(speeds, BRISK))
+    low, high = ranked(points, 0.05), ranked(points, 0.95)
     slack = JUMP_REACH * float(norms(high - low))
     starts = np.concatenate([[0], np.flatnonzero(speeds * spans > fastest * spans + slack) + 1])
     ends = np.append(starts[1:], len(points)) - 1
     if len(starts) == 1:
         return np.zeros(len(points), dtype=bool)
-    chain = (ends - starts + 1).astype(np.float64)
-    before = np.full(len(starts), -1)
-    for segment in range(1, len(starts)):
-        earlier = np.arange(max(0, segment - LOOK_BACK), segment)
-        away = norms(points[ends[earlier]] - points[starts[segment]])
-        near = earlier[away <= fastest * (times[starts[segment]] - times[ends[earlier]]) + slack]
-        if len(near):
-            best = near[chain[near].argmax()]
-            chain[segment] += chain[best]
+    earlier = np.arange(len(starts))[:, None] + np.arange(-min(LOOK_BACK, len(starts) - 1), 0)
+    away = norms(points[ends[earlier]] - points[starts, None])
+    near = (earlier >= 0) & (away <= fastest * (times[starts, None] - times[ends[earlier]]) + slack)
+    sizes: list[int] = (ends - starts + 1).tolist()
+    chains, before = sizes.copy(), [-1] * len(sizes)
+    for segment, best in zip(np.nonzero(near)[0].tolist(), earlier[near].tolist(), strict=True):
+        if chains[best] + sizes[segment] > chains[segment]:
+            chains[segment] = chains[best] + sizes[segment]
             before[segment] = best
     found = np.ones(len(points), dtype=bool)
-    segment = int(chain.argmax())
+    segment = chains.index(max(chains))
     while segment >= 0:
         found[starts[segment] : ends[segment] + 1] = False
-        segment = int(before[segment])
+        segment = before[segment]
     return found
 
 
 def _off_the_median(times: Floats, points: Floats) -> Bools:
-    half = max(2, round(0.5 * WINDOW / float(np.median(np.diff(times)))))
+    half = max(2, round(0.5 * WINDOW / float(ranked(np.diff(times), 0.5))))
     window = 2 * min(half, (len(points) - 1) // 2) + 1
     middle = np.stack([median_filter(axis, size=window, mode="nearest") for axis in points.T]).T
     away = norms(points - middle)
     speeds = norms(np.diff(points, axis=0)) / np.diff(times)
-    reach = 0.5 * WINDOW * float(_ranked(speeds, BRISK))
+    reach = 0.5 * WINDOW * float(ranked(speeds, BRISK))
     off: Bools = np.asarray(away > max(FLOOR, reach))
     if not off.any():
         return off
     usual = DEVIATION_FROM_MAD * median_filter(away, size=window, mode="nearest")
     return np.asarray(off & (away > 3.0 * usual))
-
-
-def _ranked(values: Floats, share: float) -> Floats:
-    """Return the value that this share of values (n, ...) does not exceed: numpy's quantile without its cost."""
-    place = int(share * (len(values) - 1))
-    return np.asarray(np.partition(values, place, axis=0)[place])

@@ -35,7 +35,7 @@ CURVE_COMPONENTS = (6, 8, 10, 12, 16, 20, 24, 32)
 LONG_CURVE_COMPONENTS = (48, 64)
 LONG_CURVE_TOLERANCE = 0.006
 CURVE_SHARPNESS = (0.25, 0.4)
-POLYGON_SHARPNESS = (1.4, 1.7, 2.0, 2.5, 3.0, 4.0)
+POLYGON_SHARPNESS = (4.0, 3.0, 2.5, 2.0, 1.7, 1.4)
 CORNER_MISS = 0.001
 ASTRAY = 0.006
 CORNER_REACH = 0.02
@@ -124,7 +124,7 @@ def fit_handover(people: MeanPath, samples: Floats, components: int) -> Fit:
     if not components:
         return _smooth_curve(mean, uncertainty)
     tied = _clocks(fit_tied(samples, in_bins(samples, np.linspace(0.0, 1.0, components + 1))))
-    widths = (*CURVE_SHARPNESS, 0.7, 1.0, *POLYGON_SHARPNESS)
+    widths = (*CURVE_SHARPNESS, 0.7, 1.0, *reversed(POLYGON_SHARPNESS))
     tried = [_judged(mean, _fit(mean, _sharpened(tied, sharpness))) for sharpness in widths]
     near = max(NEAR * size, UNCERTAINTY * uncertainty)
     return next((fit for fit in tried if fit.furthest <= near), min(tried, key=lambda fit: fit.furthest))
@@ -197,19 +197,24 @@ def _polygon(mean: Floats, samples: Floats, found: tuple[int, ...]) -> Fit:
     def bulge(path: Floats) -> float:
         return float(tree.query(path[::2])[0].max())
 
-    starts = _clocks(fit_tied(samples, in_bins(samples, knots))), _stretches(knots)
-    sharpest = [_fit(mean, _sharpened(start, POLYGON_SHARPNESS[-1]), weights) for start in starts]
-    paths = [path_of(fit) for fit in sharpest]
-    bulges = [bulge(path) for path in paths]
-    size = diagonal(mean)
-    chosen = int(bulges[0] > bulges[1] + ASTRAY * size)
-    deepest, widest = cut(paths[chosen]) + CORNER_MISS * size, bulges[chosen] + ASTRAY * size
-    for sharpness in POLYGON_SHARPNESS[:-1]:
-        fit = _fit(mean, _sharpened(starts[chosen], sharpness), weights)
+    def sharpened(start: Handover, sharpness: float) -> tuple[Fit, float, float]:
+        fit = _fit(mean, _sharpened(start, sharpness), weights)
         path = path_of(fit)
-        if cut(path) <= deepest and bulge(path) <= widest:
-            return fit
-    return sharpest[chosen]
+        return fit, cut(path), bulge(path)
+
+    sharpest, *wider = POLYGON_SHARPNESS
+    start, size = _clocks(fit_tied(samples, in_bins(samples, knots))), diagonal(mean)
+    best, deepest, widest = sharpened(start, sharpest)
+    if widest > ASTRAY * size:
+        even = sharpened(_stretches(knots), sharpest)
+        if widest > even[2] + ASTRAY * size:
+            start, (best, deepest, widest) = _stretches(knots), even
+    for sharpness in wider:
+        fit, deep, wide = sharpened(start, sharpness)
+        if deep > deepest + CORNER_MISS * size or wide > widest + ASTRAY * size:
+            break
+        best = fit
+    return best
 
 
 def _curves(mean: Floats, counts: Sequence[int], sharpnesses: Sequence[float]) -> Iterator[JudgedFit]:
@@ -257,11 +262,12 @@ def retimed(path: Floats, mean: Floats, window: float = WINDOW) -> Floats:
     reach = max(2, round(window * count))
     offsets = np.arange(-reach, reach + 1)
     segments = np.clip(np.arange(count)[:, None] + offsets, 0, count - 2)
-    start, step = mean[segments], mean[segments + 1] - mean[segments]
-    squares = np.maximum((step * step).sum(axis=2), 1e-300)
-    along = np.clip(((path[:, None] - start) * step).sum(axis=2) / squares, 0.0, 1.0)
-    away = ((path[:, None] - start - along[:, :, None] * step) ** 2).sum(axis=2)
-    nearest = away.argmin(axis=1)
+    gaps = [own[:, None] - other[segments] for own, other in zip(path.T, mean.T, strict=True)]
+    steps = [np.diff(other)[segments] for other in mean.T]
+    squares = np.maximum(sum(step * step for step in steps), 1e-300)
+    along = np.clip(sum(gap * step for gap, step in zip(gaps, steps, strict=True)) / squares, 0.0, 1.0)
+    away = sum((gap - along * step) ** 2 for gap, step in zip(gaps, steps, strict=True))
+    nearest = np.argmin(away, axis=1)
     everyone = np.arange(count)
     where = segments[everyone, nearest] + along[everyone, nearest]
     where[0], where[-1] = 0.0, count - 1.0
@@ -335,8 +341,8 @@ def _lines_across(handover: Handover, mean: Floats, weights: Floats) -> Floats:
     across *= weights[:, None, None]
     matrix = np.empty((width, dimension, width, dimension))
     for i in range(dimension):
-        for j in range(dimension):
-            matrix[:, i, :, j] = (basis * across[:, i, j, None]).T @ basis / count
+        for j in range(i + 1):
+            matrix[:, i, :, j] = matrix[:, j, :, i] = (basis * across[:, i, j, None]).T @ basis / count
     square = matrix.reshape(width * dimension, width * dimension)
     square[np.diag_indices(len(square))] += RIDGE
     missing = (across * (mean - basis @ usual)[:, None, :]).sum(axis=2)

@@ -128,11 +128,11 @@ def lay_upon_each_other(curves: Floats, reference: int, method: str, radius: int
 
 
 def skips(positions: Floats, points: int) -> Bools:
-    """Return from which of rising positions (m,) on, in a drawing of ``points`` points, 8 % more of its way than usual
-    are passed within 2 % of the shape: (m - reach,).
+    """Return from which of rising positions (..., m) on, in a drawing of ``points`` points, 8 % more of its way than
+    usual are passed within 2 % of the shape: (..., m - reach).
     """
     reach = max(1, round(SKIPPED_IN * points))
-    return (positions[reach:] - positions[:-reach]) / (points - 1.0) > LEAST_EXTRA + SKIPPED_IN
+    return (positions[..., reach:] - positions[..., :-reach]) / (points - 1.0) > LEAST_EXTRA + SKIPPED_IN
 
 
 def _by_length(positions: Floats, shape: Floats) -> Floats:
@@ -150,9 +150,9 @@ def _by_length(positions: Floats, shape: Floats) -> Floats:
         low, high = first + beside * (first > 0), last - beside * (last < count - 1)
         if high - low < 2 * beside:
             continue
-        for own in positions[:, low : high + 1]:
-            if np.isfinite(own).all() and not skips(own, count).any():
-                own[:] = np.linspace(own[0], own[-1], len(own))
+        stretch = positions[:, low : high + 1]
+        whole = np.isfinite(stretch).all(axis=1) & ~skips(stretch, count).any(axis=1)
+        stretch[whole] = np.linspace(stretch[whole, 0], stretch[whole, -1], high - low + 1, axis=1)
     return positions
 
 

@@ -270,12 +270,8 @@ def _report(
     grid, points = fitted.phases, fitted.aligned.points
     path = motion.points_at(grid)
     mean = mean_of(points, fitted.aligned.weights)
-    each: list[DemonstrationError] = []
-    for name, own in zip(names, points, strict=True):
-        away = norms(own - path)
-        worst = int(np.nanargmax(away))
-        rms = float(np.sqrt(np.nanmean(away**2)))
-        each.append(DemonstrationError(name, rms, float(away[worst]), float(grid[worst])))
+    away = norms(points - path)
+    worst, rms = np.nanargmax(away, axis=1), np.sqrt(np.nanmean(away**2, axis=1))
     spread = np.sqrt(mean_of(((points - mean) ** 2).sum(axis=2, keepdims=True), fitted.aligned.weights)[:, 0])
     places = np.linspace(0.0, 1.0, 101)
     return LearningReport(
@@ -286,7 +282,10 @@ def _report(
         length=float(arc_lengths(motion.points_at(np.linspace(0.0, 1.0, 1000)))[-1]),
         path_error=path_error(path, mean),
         end_error=end_error(motion.points_at(np.array([0.0, 1.0])), mean),
-        demonstrations=tuple(each),
+        demonstrations=tuple(
+            DemonstrationError(name, float(rms[i]), float(away[i, worst[i]]), float(grid[worst[i]]))
+            for i, name in enumerate(names)
+        ),
         repeatability_phases=tuple(float(place) for place in places),
         repeatability=tuple(float(value) for value in np.interp(places, grid, spread)),
         smoothness=smoothness(motion.points_at(np.linspace(0.0, 1.0, 300))),

@@ -51,10 +51,12 @@ def against_direction(curves: Floats, typical: int) -> list[int]:
         return []
     curves = curves[:, ::COARSE]
     reference = np.broadcast_to(curves[typical], curves.shape)
-    forward, backward = costs(reference, curves), costs(reference, curves[:, ::-1])
-    return [
-        int(index) for index in np.flatnonzero((backward < BACKWARDS * forward) & (forward > 2 * np.median(forward)))
-    ]
+    forward = costs(reference, curves)
+    suspects = np.flatnonzero(forward > 2 * np.median(forward))
+    if not len(suspects):
+        return []
+    backward = costs(reference[suspects], curves[suspects, ::-1])
+    return [int(index) for index in suspects[backward < BACKWARDS * forward[suspects]]]
 
 
 def mismatch(points: Floats, weights: Floats) -> float:

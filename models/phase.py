@@ -8,7 +8,7 @@ import numpy as np
 
 from models.cleaning import CleanMotion, moving_average
 from models.demonstration import Floats
-from models.geometry import norms
+from models.geometry import norms, ranked
 
 RESTING = 0.1
 LENGTH_WINDOW = 0.15
@@ -25,7 +25,7 @@ def travelled(motion: CleanMotion) -> Floats:
     moving = lengths[lengths > 0]
     if not len(moving):
         return np.linspace(0.0, 1.0, len(motion.times))
-    least = RESTING * float(np.median(moving))
+    least = RESTING * float(ranked(moving, 0.5))
     counted = np.where(lengths > least, lengths, 1e-3 * lengths) + 1e-9 * float(lengths.sum()) / len(lengths)
     way = np.concatenate([[0.0], np.cumsum(counted)])
     return way / way[-1]

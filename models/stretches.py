@@ -64,8 +64,7 @@ def pauses(motion: CleanMotion, least: float = LEAST_PAUSE) -> tuple[Pause, ...]
     still = _still(motion)
     step = float(motion.times[1] - motion.times[0])
     turns = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(np.int64)))
-    moving = np.diff(motion.points, axis=0) * ~(still[1:] & still[:-1])[:, None]
-    way = np.concatenate([[0.0], np.cumsum(norms(moving))])
+    way = np.concatenate([[0.0], np.cumsum(norms(np.diff(motion.points, axis=0)) * ~(still[1:] & still[:-1]))])
     found: list[Pause] = []
     for first, after in zip(turns[::2], turns[1::2], strict=True):
         duration = (after - 1 - first) * step
