@@ -36,16 +36,22 @@ class Correspondence:
 
     def at_instants(self, where: Floats) -> "Correspondence":
         """Return the same motions at fractional instants (k,) of these n."""
-        low = np.clip(where.astype(np.int64), 0, self.times.shape[1] - 2)
-        share = where - low
+        turned = None if self.orientations is None else between(self.orientations, where)
+        return Correspondence(
+            between(self.points, where),
+            between(self.times, where),
+            between(self.triggers, where),
+            turned,
+            between(self.weights, where),
+        )
 
-        def moved(values: Floats) -> Floats:
-            portion = share.reshape((1, -1) + (1,) * (values.ndim - 2))
-            between = (1.0 - portion) * values[:, low] + portion * values[:, low + 1]
-            return np.where(portion == 0, values[:, low], np.where(portion == 1, values[:, low + 1], between))
 
-        turned = None if self.orientations is None else moved(self.orientations)
-        return Correspondence(moved(self.points), moved(self.times), moved(self.triggers), turned, moved(self.weights))
+def between(values: Floats, where: Floats) -> Floats:
+    """Return values (u, n, ...) at fractional instants (k,) of these n; a NaN reaches only to its neighbours."""
+    low = np.clip(where.astype(np.int64), 0, values.shape[1] - 2)
+    share = (where - low).reshape((1, -1) + (1,) * (values.ndim - 2))
+    mixed = (1.0 - share) * values[:, low] + share * values[:, low + 1]
+    return np.where(share == 0, values[:, low], np.where(share == 1, values[:, low + 1], mixed))
 
 
 @dataclass(frozen=True, slots=True)

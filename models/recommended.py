@@ -10,8 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from models.cleaning import CleanMotion, moving_average
-from models.correspondence import Correspondence, Fitted, Progress, Remark, taken_at
+from models.cleaning import CleanMotion
+from models.correspondence import Correspondence, Fitted, Progress, Remark, between, taken_at
 from models.demonstration import Floats
 from models.errors import MixedDemonstrations
 from models.experts import Fit, Handover, MeanPath, fit_handover, lines, retimed
@@ -24,6 +24,7 @@ from models.phase import arc_lengths, at, travelled
 from models.placing import laid_freely
 from models.shapes import other_shapes
 from models.stretches import Extra, Pause, extras, pauses
+from models.tips import laid_at_tips, sharp_corners
 
 POINTS = 256
 LONG = 4.0
@@ -152,8 +153,19 @@ def _laid(
     """Return how the motions of these rows lie upon each other, seen from the typical one of them, and they themselves
     at even instants of their mean path.
     """
-    group = lay_upon_each_other(curves[rows], typical, options.alignment or "dtw", options.radius or 1)
-    return group, _evened(_taken([motions[row] for row in rows], places[rows], group))
+    method = options.alignment or "dtw"
+    motions, curves, places = [motions[row] for row in rows], curves[rows], places[rows]
+    group = lay_upon_each_other(curves, typical, method, options.radius or 1)
+    sharp = sharp_corners(mean_of(taken(curves, group.positions), group.weights))
+    if method == "dtw":
+        group = replace(group, positions=laid_at_tips(motions, places, group.positions, sharp))
+    samples = _samples_of(places, group.positions)
+    drawn = zip(samples, motions, strict=True)
+    points = [at(where, np.arange(len(one.points), dtype=np.float64), one.points) for where, one in drawn]
+    path = mean_of(np.stack(points), group.weights)
+    instants = _even_instants(path, [corner.tip for corner in sharp])
+    samples = _samples_of(places, between(group.positions, instants))
+    return group, taken_at(motions, samples, between(group.weights, instants))
 
 
 def _until(motion: CleanMotion, sample: float) -> CleanMotion:
@@ -169,20 +181,23 @@ def _until(motion: CleanMotion, sample: float) -> CleanMotion:
     )
 
 
-def _taken(motions: list[CleanMotion], places: Floats, group: Group) -> Correspondence:
+def _samples_of(places: Floats, positions: Floats) -> Floats:
+    """Return the fractional samples (u, m) of the motions at positions (u, m) on their curves; NaN stays NaN."""
     index = np.arange(places.shape[1], dtype=np.float64)
-    samples = np.stack(
-        [np.interp(where, index, own) + 0.0 * where for where, own in zip(group.positions, places, strict=True)]
-    )
-    return taken_at(motions, samples, group.weights)
+    return np.stack([np.interp(where, index, own) + 0.0 * where for where, own in zip(positions, places, strict=True)])
 
 
-def _evened(aligned: Correspondence) -> Correspondence:
-    """Return the motions at 300 instants (or more, where more points are drawn), evenly along their mean path."""
-    lengths = arc_lengths(moving_average(mean_of(aligned.points, aligned.weights), 5))
+def _even_instants(path: Floats, sharp: list[int]) -> Floats:
+    """Return 300 fractional instants (or more, where more points are drawn) evenly along a mean path (n, d), and in
+    place of the nearest ones the sharp corners themselves: between two instants a tip would be cut off.
+    """
+    lengths = arc_lengths(path)
     index = np.arange(len(lengths), dtype=np.float64)
-    instants = round(CLOCK_POINTS * len(lengths) / POINTS)
-    return aligned.at_instants(np.interp(np.linspace(0.0, lengths[-1], instants), lengths, index))
+    count = round(CLOCK_POINTS * len(lengths) / POINTS)
+    instants = np.interp(np.linspace(0.0, lengths[-1], count), lengths, index)
+    for corner in sharp:
+        instants[1 + int(np.abs(instants[1:-1] - corner).argmin())] = corner
+    return instants
 
 
 def _partly(group: Group, row: int) -> Remark:

@@ -67,21 +67,23 @@ def test_paths_in_space_are_as_near_to_the_truth_as_people_let_them_be() -> None
 
 
 def test_the_tool_is_held_as_it_was_meant() -> None:
-    people, _ = simulated_people(20, 1, True, 2, corners=ZIGZAG_IN_SPACE, orientation=True)
-    flipped = [
-        Demonstration(one.demonstration_id, one.times, one.points, one.triggers, orientations=-one.orientations)
-        if index % 2 and one.orientations is not None
-        else one
-        for index, one in enumerate(people)
-    ]
-    motion = learn(flipped).motion
-    phases = np.linspace(0.0, 1.0, 501)
-    held = motion.orientations_at(phases)
-    np.testing.assert_allclose((held * held).sum(axis=1), 1.0, atol=1e-12)
-    agreement = np.abs((held * true_orientations(phases)).sum(axis=1))
-    angles = np.rad2deg(2.0 * np.arccos(np.minimum(agreement, 1.0)))
-    assert np.sqrt((angles**2).mean()) <= 0.8
-    assert angles.max() <= 1.5
+    angles: list[np.ndarray] = []
+    for seed in range(3):
+        people, _ = simulated_people(20, seed, True, 2, corners=ZIGZAG_IN_SPACE, orientation=True)
+        flipped = [
+            Demonstration(one.demonstration_id, one.times, one.points, one.triggers, orientations=-one.orientations)
+            if index % 2 and one.orientations is not None
+            else one
+            for index, one in enumerate(people)
+        ]
+        motion = learn(flipped, compare=False).motion
+        phases = np.linspace(0.0, 1.0, 501)
+        held = motion.orientations_at(phases)
+        np.testing.assert_allclose((held * held).sum(axis=1), 1.0, atol=1e-12)
+        agreement = np.abs((held * true_orientations(phases)).sum(axis=1))
+        angles.append(np.rad2deg(2.0 * np.arccos(np.minimum(agreement, 1.0))))
+    assert np.mean([np.sqrt((own**2).mean()) for own in angles]) <= 0.8
+    assert np.mean([own.max() for own in angles]) <= 1.5
 
 
 def test_all_early_releases_are_found_and_hardly_any_false_one() -> None:
