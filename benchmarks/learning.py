@@ -262,9 +262,10 @@ def _leave_one_out(peers: Peers) -> Iterator[Row]:
     if not cases:
         return
     ours = [learn(people).motion.points_at(COARSE) for people, _ in cases]
-    answers = peers.answers([(kind, plain(people)) for kind in SHIPPED for people, _ in cases])
+    kinds = (*SHIPPED, "elastic mean")
+    answers = peers.answers([(kind, plain(people)) for kind in kinds for people, _ in cases])
     scores: dict[str, tuple[float, float]] = {}
-    for place, kind in enumerate(("ours", *SHIPPED)):
+    for place, kind in enumerate(("ours", *kinds)):
         paths = ours if kind == "ours" else [path for path, _ in answers[(place - 1) * len(cases) : place * len(cases)]]
         if all(isinstance(path, np.ndarray) for path in paths):
             pairs = list(zip(paths, (truth for _, truth in cases), strict=True))

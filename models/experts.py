@@ -54,6 +54,7 @@ ALONG = 0.003
 RIDGE = 1e-4
 WINDOW = 0.08
 NARROW_WINDOW = 0.04
+STAYING = 0.05
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -256,7 +257,8 @@ def lines(handover: Handover, values: Floats) -> Floats:
 def retimed(path: Floats, mean: Floats, window: float = WINDOW) -> Floats:
     """Return the fractional index (n,) of the mean path (n, d) that is nearest to each point of the path (n, d).
 
-    It is sought within ``window`` (a part of the path) before and after, and rises.
+    It is sought within ``window`` (a part of the path) before and after, and rises. A point further off counts as
+    further by a twentieth of the way between, so that a stroke gone over twice is not taken for its way back.
     """
     count = len(path)
     reach = max(2, round(window * count))
@@ -267,7 +269,8 @@ def retimed(path: Floats, mean: Floats, window: float = WINDOW) -> Floats:
     squares = np.maximum(sum(step * step for step in steps), 1e-300)
     along = np.clip(sum(gap * step for gap, step in zip(gaps, steps, strict=True)) / squares, 0.0, 1.0)
     away = sum((gap - along * step) ** 2 for gap, step in zip(gaps, steps, strict=True))
-    nearest = np.argmin(away, axis=1)
+    moved = STAYING * float(norms(np.diff(mean, axis=0)).mean()) * (segments + along - np.arange(count)[:, None])
+    nearest = np.argmin(away + moved * moved, axis=1)
     everyone = np.arange(count)
     where = segments[everyone, nearest] + along[everyone, nearest]
     where[0], where[-1] = 0.0, count - 1.0
