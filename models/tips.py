@@ -27,14 +27,18 @@ BESIDE = 0.05
 LEAST_EDGE = 0.015
 LEAST_SAMPLES = 4
 OUTERMOST = 0.98
+LEAST_DEPTH = 0.5
 
 
 class SharpCorner(NamedTuple):
-    """A corner of a shape and where what turns there begins and ends, as indices of the shape."""
+    """A corner of a shape and where what turns there begins and ends, as indices of the shape; ``depth`` in m is how
+    far the tip is from the straight line between those.
+    """
 
     before: int
     tip: int
     after: int
+    depth: float
 
 
 def sharp_corners(shape: Floats) -> tuple[SharpCorner, ...]:
@@ -47,13 +51,13 @@ def sharp_corners(shape: Floats) -> tuple[SharpCorner, ...]:
     reach = round(REACH * len(shape))
     sharp: list[SharpCorner] = []
     for before, tip, after in zip(found, found[1:], found[2:], strict=False):
-        corner = SharpCorner(max(before, tip - reach), tip, min(after, tip + reach))
         if min(tip - before, after - tip) < LEAST_EDGE * len(shape):
             continue
-        there, back = shape[tip] - shape[corner.before], shape[corner.after] - shape[tip]
+        low, high = max(before, tip - reach), min(after, tip + reach)
+        there, back = shape[tip] - shape[low], shape[high] - shape[tip]
         turned = (there * back).sum() / max(float(np.sqrt((there * there).sum() * (back * back).sum())), 1e-300)
         if turned <= np.cos(SHARP):
-            sharp.append(corner)
+            sharp.append(SharpCorner(low, tip, high, float(from_chord(shape[low : high + 1])[tip - low])))
     return tuple(sharp)
 
 
@@ -80,7 +84,7 @@ def laid_at_tips(
         tips = np.full(len(positions), np.nan)
         for row, motion in enumerate(motions):
             if whole[row]:
-                tips[row] = _tip(motion, places[row], turns[row])
+                tips[row] = _tip(motion, places[row], turns[row], LEAST_DEPTH * corner.depth)
         known = np.isfinite(tips)
         into = np.linspace(stretch[known, 0], tips[known], corner.tip - left + 1, axis=1)
         out_of = np.linspace(tips[known], stretch[known, -1], right - corner.tip + 1, axis=1)
@@ -88,9 +92,9 @@ def laid_at_tips(
     return positions
 
 
-def _tip(motion: CleanMotion, places: Floats, turn: Floats) -> float:
+def _tip(motion: CleanMotion, places: Floats, turn: Floats, least: float) -> float:
     """Return the position of the tip between the positions at which a turn begins and ends; NaN if hardly a sample is
-    there.
+    there, or none ``least`` m from the straight line between them: then the tip is hardly inside.
     """
     index = np.arange(len(places), dtype=np.float64)
     begun, ended = np.interp(turn, index, places)
@@ -98,5 +102,7 @@ def _tip(motion: CleanMotion, places: Floats, turn: Floats) -> float:
     if last - first + 1 < LEAST_SAMPLES:
         return float("nan")
     away = from_chord(motion.points[first : last + 1])
+    if away.max() < least:
+        return float("nan")
     outermost = first + float(np.median(np.flatnonzero(away >= OUTERMOST * away.max())))
     return float(np.interp(outermost, places, index))

@@ -62,6 +62,7 @@ def test_corners_beside_an_edge_as_short_as_hands_differ_are_left_to_the_warp() 
 @settings(deadline=None, max_examples=60)
 @given(st.integers(0, 2**32 - 1), st.integers(2, 5), st.booleans())
 def test_positions_rise_and_meet_the_tips(seed: int, people: int, open_end: bool) -> None:
+    """A tip that a warp missed by more than half of the turn is left to the warp."""
     generator = np.random.default_rng(seed)
     shape = resampled(ZIGZAG, 256)
     index = np.arange(256.0)
@@ -78,5 +79,7 @@ def test_positions_rise_and_meet_the_tips(seed: int, people: int, open_end: bool
     for corner, tips in zip(sharp, own_corners.transpose(1, 0, 2)[1:-1], strict=True):
         for own, before, one, tip in zip(laid, positions, motions, tips, strict=True):
             if np.isfinite(before).all():
-                there = one.points[round(float(np.interp(own[corner.tip], index, places[0])))]
-                assert norms(there - tip) < 2e-3
+                there, warped = (
+                    one.points[round(float(np.interp(where[corner.tip], index, places[0])))] for where in (own, before)
+                )
+                assert norms(there - tip) < 0.6e-3 or norms(warped - tip) > 4e-3
