@@ -26,7 +26,7 @@ REACH = 0.04
 BESIDE = 0.05
 LEAST_EDGE = 0.015
 LEAST_SAMPLES = 4
-OUTERMOST = 0.95
+OUTERMOST = 0.85
 LEAST_DEPTH = 0.5
 
 
@@ -67,7 +67,7 @@ def laid_at_tips(
     """Return positions (u, n) of drawings with their own tips where the common shape's sharp corners are.
 
     ``places`` (u, n): the fractional sample of each motion at each position. A tip is the middle one of the samples
-    furthest, within 5 %, from the straight line between those where the turn begins and ends: hands rest at corners,
+    furthest, within 15 %, from the straight line between those where the turn begins and ends: hands rest at corners,
     and tremble there. Who has not drawn all of it, or more than it, keeps the warp's positions.
     """
     if not sharp:
@@ -104,5 +104,6 @@ def _tip(motion: CleanMotion, places: Floats, turn: Floats, least: float) -> flo
     away = from_chord(motion.points[first : last + 1])
     if away.max() < least:
         return float("nan")
-    outermost = first + float(np.median(np.flatnonzero(away >= OUTERMOST * away.max())))
-    return float(np.interp(outermost, places, index))
+    outermost = np.flatnonzero(away >= OUTERMOST * away.max())
+    middle = first + 0.5 * (outermost[(len(outermost) - 1) // 2] + outermost[len(outermost) // 2])
+    return float(np.interp(middle, places, index))
