@@ -3,11 +3,13 @@
 import asyncio
 import contextlib
 import os
+import shutil
 import signal
 import socket
 import sqlite3
 import sys
 import time
+import tomllib
 from collections.abc import AsyncIterator, Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -58,6 +60,36 @@ LONGEST_FIRST = (
 )
 STOP_LIMIT = 30.0
 ORPHAN_LIMIT = 10.0
+
+
+def _without_tools() -> dict[Path, list[str]]:
+    """Return the test folders and files that need a tool this machine lacks, with the tools."""
+    needs = tomllib.loads((HERE.parent / "pyproject.toml").read_text())["tool"]["test-tools"]["needs"]
+    missing = {HERE / name: [tool for tool in tools if shutil.which(tool) is None] for name, tools in needs.items()}
+    return {path: tools for path, tools in missing.items() if tools}
+
+
+WITHOUT_TOOLS = _without_tools()
+
+
+def _left_out() -> str:
+    names = (f"tests/{path.relative_to(HERE)} (needs {', '.join(tools)})" for path, tools in WITHOUT_TOOLS.items())
+    return f"left out: {'; '.join(names)}"
+
+
+def pytest_configure() -> None:
+    """What has to hold before a change lands is tested whole."""
+    if WITHOUT_TOOLS and os.environ.get("CI") == "true":
+        raise pytest.UsageError(_left_out())
+
+
+def pytest_ignore_collect(collection_path: Path) -> bool | None:
+    return True if collection_path in WITHOUT_TOOLS else None
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    if WITHOUT_TOOLS:
+        terminalreporter.write_line(_left_out())
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

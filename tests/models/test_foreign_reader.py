@@ -1,7 +1,6 @@
 """A program in another language gets the same path from an exported skill."""
 
 import json
-import shutil
 import subprocess
 from pathlib import Path
 
@@ -13,9 +12,6 @@ from models.motion import Motion
 from models.people import ZIGZAG_IN_SPACE, simulated_people
 
 READERS = Path(__file__).parents[2] / "docs" / "reference" / "learning"
-NODE = shutil.which("node")
-COMPILER = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
-LANGUAGES = [language for language, tool in (("JavaScript", NODE), ("C", COMPILER)) if tool]
 
 
 def exported(motion: Motion) -> str:
@@ -49,37 +45,32 @@ def learned() -> dict[str, Motion]:
 @pytest.fixture(scope="module")
 def commands(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[str]]:
     """How each reader is run, as its own first lines say: compiled, or as it is."""
-    found = {"JavaScript": [str(NODE), str(READERS / "skill_path.js")]}
-    if COMPILER:
-        binary = tmp_path_factory.mktemp("reader") / "skill_path"
-        warnings = ["-std=c99", "-Wall", "-Wextra", "-Werror"]
-        command = [COMPILER, "-O2", *warnings, "-o", str(binary), str(READERS / "skill_path.c"), "-lm"]
-        subprocess.run(command, check=True, capture_output=True)
-        found["C"] = [str(binary)]
-    return found
+    binary = tmp_path_factory.mktemp("reader") / "skill_path"
+    warnings = ["-std=c99", "-Wall", "-Wextra", "-Werror"]
+    command = ["cc", "-O2", *warnings, "-o", str(binary), str(READERS / "skill_path.c"), "-lm"]
+    subprocess.run(command, check=True, capture_output=True)
+    return {"JavaScript": ["node", str(READERS / "skill_path.js")], "C": [str(binary)]}
 
 
-if LANGUAGES:
-
-    @pytest.mark.parametrize("kind", ["over the path", "over time", "in space, with orientation"])
-    @pytest.mark.parametrize("language", LANGUAGES)
-    def test_another_language_reads_the_same_path(
-        language: str, kind: str, learned: dict[str, Motion], commands: dict[str, list[str]], tmp_path: Path
-    ) -> None:
-        motion, phases = learned[kind], np.linspace(0.0, 1.0, 501)
-        file = tmp_path / "skill.json"
-        file.write_text(exported(motion))
-        run = subprocess.run([*commands[language], str(file), "501"], check=True, capture_output=True, text=True)
-        head, *lines = run.stdout.splitlines()
-        rows = np.loadtxt(lines, delimiter=",")
-        last = 2 + motion.dimension
-        assert head.split(",")[: 2 + motion.dimension] == ["phase", "t_s", "x_m", "y_m", "z_m"][:last]
-        np.testing.assert_allclose(rows[:, 0], phases, rtol=0.0, atol=1e-15)
-        np.testing.assert_allclose(rows[:, 2:last], motion.points_at(phases), rtol=0.0, atol=1e-12)
-        if motion.has_orientation:
-            np.testing.assert_allclose(rows[:, last:], motion.orientations_at(phases), rtol=0.0, atol=1e-12)
-        else:
-            assert rows.shape[1] == last
+@pytest.mark.parametrize("kind", ["over the path", "over time", "in space, with orientation"])
+@pytest.mark.parametrize("language", ["JavaScript", "C"])
+def test_another_language_reads_the_same_path(
+    language: str, kind: str, learned: dict[str, Motion], commands: dict[str, list[str]], tmp_path: Path
+) -> None:
+    motion, phases = learned[kind], np.linspace(0.0, 1.0, 501)
+    file = tmp_path / "skill.json"
+    file.write_text(exported(motion))
+    run = subprocess.run([*commands[language], str(file), "501"], check=True, capture_output=True, text=True)
+    head, *lines = run.stdout.splitlines()
+    rows = np.loadtxt(lines, delimiter=",")
+    last = 2 + motion.dimension
+    assert head.split(",")[: 2 + motion.dimension] == ["phase", "t_s", "x_m", "y_m", "z_m"][:last]
+    np.testing.assert_allclose(rows[:, 0], phases, rtol=0.0, atol=1e-15)
+    np.testing.assert_allclose(rows[:, 2:last], motion.points_at(phases), rtol=0.0, atol=1e-12)
+    if motion.has_orientation:
+        np.testing.assert_allclose(rows[:, last:], motion.orientations_at(phases), rtol=0.0, atol=1e-12)
+    else:
+        assert rows.shape[1] == last
 
 
 def test_the_reader_names_only_keys_that_an_exported_skill_has() -> None:
