@@ -8,10 +8,9 @@ regression.
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
 
 from models.demonstration import Bools, Floats
 from models.errors import InvalidModel
@@ -119,7 +118,7 @@ class Motion:
         if self.clock == "time":
             return phases * self.duration
         grid, times = self._timetable()
-        return np.asarray(PchipInterpolator(grid, times)(phases))
+        return np.asarray(_monotone(grid, times)(phases))
 
     def phases_at(self, times: Floats) -> Floats:
         """Return the phase (n,) in 0..1 reached at each time in s: the inverse of ``times_at``."""
@@ -127,7 +126,7 @@ class Motion:
         if self.clock == "time":
             return times / self.duration
         grid, table = self._timetable()
-        forward = PchipInterpolator(grid, table)
+        forward = _monotone(grid, table)
         pace = forward.derivative()
         phases = np.interp(times, table, grid)
         cell = np.clip(np.searchsorted(table, times, side="right") - 1, 0, len(grid) - 2)
@@ -170,3 +169,13 @@ class Motion:
         times = np.maximum.accumulate(raw - pace * grid) + pace * grid
         times -= times[0]
         return grid, times * (self.duration / times[-1])
+
+
+def _monotone(grid: Floats, values: Floats) -> Any:
+    """Return the monotone cubic (Fritsch and Carlson 1980) through ``values`` (n,) at ``grid`` (n,).
+
+    scipy's interpolation is imported when a clock is first read: it takes longer than all else that a client imports.
+    """
+    from scipy.interpolate import PchipInterpolator
+
+    return PchipInterpolator(grid, values)

@@ -2,12 +2,12 @@
 
 import dataclasses
 import json
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import typer
 from rich.console import Console
 from rich.table import Table
@@ -23,15 +23,15 @@ def plain(value: Any) -> Any:
         return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
     if isinstance(value, Mapping):
         return {str(key): plain(part) for key, part in value.items()}
-    if isinstance(value, np.ndarray):
-        return plain(value.tolist())
+    if callable(to_list := getattr(value, "tolist", None)):
+        return plain(to_list())
     if isinstance(value, bytes):
         return value.hex()
     if isinstance(value, datetime):
         return value.isoformat()
     if isinstance(value, Path):
         return str(value)
-    if isinstance(value, float) and not np.isfinite(value):
+    if isinstance(value, float) and not math.isfinite(value):
         return None
     if isinstance(value, Sequence | set | frozenset) and not isinstance(value, str):
         return [plain(part) for part in value]
@@ -65,7 +65,7 @@ def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[object]]) 
 
 def millimetres(metres: float, digits: int = 3) -> str:
     """Return a length for people; an en dash for one that was not measured."""
-    return f"{metres * 1000:.{digits}f}" if np.isfinite(metres) else "–"
+    return f"{metres * 1000:.{digits}f}" if math.isfinite(metres) else "–"
 
 
 def when(moment: datetime | None) -> str:

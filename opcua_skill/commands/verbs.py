@@ -1,36 +1,97 @@
 """The verbs of `opcua-skill`. Exit status 0 done, 1 refused or failed with one sentence on stderr, 2 wrong usage."""
 
+import importlib
 import logging
 import sys
+from dataclasses import dataclass
 from importlib.metadata import version as installed_version
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperCommand, TyperGroup
 
-from models.errors import SkillError
-from opcua_skill.client.errors import ClientError
-from opcua_skill.commands import audit, bench, certificates, demo, jobs, panel, recipes, record, serve, skills, users
 from opcua_skill.commands.faults import Fault
 
+
+@dataclass(frozen=True, slots=True)
+class Verb:
+    """Where a verb is: ``name`` in ``module``, a function or a Typer of further verbs; ``help`` is its first line."""
+
+    module: str
+    name: str
+    help: str
+
+
+VERBS = {
+    "demo": Verb(
+        "demo",
+        "demo",
+        "The main job, end to end: people show, an engineer approves, the arm runs it, all through OPC UA.",
+    ),
+    "serve": Verb("serve", "serve", "Run the server; Ctrl-C stops it cleanly."),
+    "panel": Verb(
+        "panel",
+        "panel",
+        "Open the operator panel in a browser: everybody signs in there with user and password of the server.",
+    ),
+    "learn": Verb(
+        "skills", "learn", "Send files of human demonstrations to the server, which learns a skill version from them."
+    ),
+    "record": Verb(
+        "record",
+        "record",
+        "Record demonstrations on a workstation: from a tracker that sends by UDP, or by replaying files.",
+    ),
+    "skills": Verb("skills", "app", "Skills of the library: look, approve, deploy, exchange."),
+    "recipes": Verb("recipes", "app", "Recipes: time step, speed, frame and heights of a run."),
+    "run": Verb("jobs", "run", "Queue a run of a skill on a workstation."),
+    "jobs": Verb("jobs", "app", "Jobs: look, pause, resume, abort, read the trace."),
+    "users": Verb("users", "app", "Users and their roles, on the data folder of a server."),
+    "certificates": Verb("certificates", "app", "Certificates, on the data folder of a server."),
+    "audit": Verb("audit", "audit", "Show the audit trail of a server, the newest entries first."),
+    "bench": Verb(
+        "bench", "bench", "Run the benchmarks. Ratios of one run mean something; absolute times depend on the machine."
+    ),
+}
+
+
+class Verbs(TyperGroup):
+    """The verbs by name: a verb's module is imported when it is asked for, so that no verb waits for the others."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Return the names in the order of the help page."""
+        return list(VERBS)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> TyperCommand | None:
+        """Return what the help page shows of a verb."""
+        verb = VERBS.get(cmd_name)
+        return TyperCommand(cmd_name, help=verb.help) if verb else None
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> tuple[str | None, Any, list[str]]:
+        """Return the verb asked for, imported now."""
+        name, command, rest = super().resolve_command(ctx, args)
+        return name, command and imported(name or "", VERBS[name or ""]), rest
+
+
+def imported(name: str, verb: Verb) -> Any:
+    """Return a verb as a command that can be run."""
+    found = getattr(importlib.import_module(f"opcua_skill.commands.{verb.module}"), verb.name)
+    if not isinstance(found, typer.Typer):
+        alone = typer.Typer()
+        alone.command(name)(found)
+        found = alone
+    command = typer.main.get_command(found)
+    command.name = name
+    return command
+
+
 app = typer.Typer(
+    cls=Verbs,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
     help="Show a robot a task by hand a few times; every workstation that can do it, does it.",
 )
-app.command("demo")(demo.demo)
-app.command("serve")(serve.serve)
-app.command("panel")(panel.panel)
-app.command("learn")(skills.learn)
-app.command("record")(record.record)
-app.add_typer(skills.app, name="skills")
-app.add_typer(recipes.app, name="recipes")
-app.command("run")(jobs.run)
-app.add_typer(jobs.app, name="jobs")
-app.add_typer(users.app, name="users")
-app.add_typer(certificates.app, name="certificates")
-app.command("audit")(audit.audit)
-app.command("bench")(bench.bench)
 
 
 def tell_version(wanted: bool) -> None:
@@ -59,22 +120,21 @@ def options(
 
 def status_of(arguments: list[str]) -> int:
     """Run one command and return its exit status; what a person did wrong is one sentence, never a traceback."""
-    sentence = ""
     try:
         app(args=arguments, prog_name="opcua-skill")
     except SystemExit as left:
         return left.code if left.code in {0, 1, 2} else 1
-    except (Fault, ClientError, SkillError, OSError) as error:
-        sentence = str(error)
     except Exception as error:
-        if not isinstance(error, _library_errors()):
+        if not isinstance(error, _meant()):
             raise
-        sentence = str(error)
-    typer.echo(f"error: {' '.join(sentence.split())}", err=True)
+        typer.echo(f"error: {' '.join(str(error).split())}", err=True)
     return 1
 
 
-def _library_errors() -> tuple[type[Exception], ...]:
+def _meant() -> tuple[type[Exception], ...]:
+    """Return the errors whose text is the answer to a person. Imported only when there is one: these are heavy."""
     from library.errors import LibraryError
+    from models.errors import SkillError
+    from opcua_skill.client.errors import ClientError
 
-    return (LibraryError,)
+    return Fault, ClientError, SkillError, LibraryError, OSError

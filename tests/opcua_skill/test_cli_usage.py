@@ -1,11 +1,14 @@
 """Exit status 0, 1, 2, and one sentence instead of a traceback."""
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
-from opcua_skill.commands.verbs import status_of
+from opcua_skill.commands.verbs import VERBS as VERBS_OF_THE_HELP_PAGE
+from opcua_skill.commands.verbs import imported, status_of
 
 VERBS = ("demo", "serve", "panel", "learn", "skills", "recipes", "run", "jobs", "users", "certificates", "bench")
 
@@ -109,3 +112,21 @@ def test_a_file_that_is_no_certificate_is_not_trusted(tmp_path: Path, capsys: py
     file.write_text("nothing of the kind")
     assert status_of(["certificates", "trust", str(file), "--data", str(tmp_path / "data")]) == 1
     assert "not a certificate" in " ".join(capsys.readouterr().err.split())
+
+
+@pytest.mark.parametrize("name", VERBS_OF_THE_HELP_PAGE)
+def test_the_help_page_says_of_a_verb_what_the_verb_says_of_itself(name: str) -> None:
+    said = imported(name, VERBS_OF_THE_HELP_PAGE[name]).help
+    assert said.splitlines()[0] == VERBS_OF_THE_HELP_PAGE[name].help
+
+
+def test_the_help_page_imports_neither_the_protocol_nor_the_numbers() -> None:
+    asked = "import sys; from opcua_skill.commands.verbs import status_of; status_of(['--help']); print(*sys.modules)"
+    said = subprocess.run([sys.executable, "-c", asked], check=True, capture_output=True, text=True).stdout
+    assert not {"asyncua", "numpy", "sqlalchemy", "pydantic"} & set(said.split())
+
+
+def test_a_client_s_verb_imports_neither_the_server_s_parts_nor_the_database() -> None:
+    asked = "import sys; import opcua_skill.commands.jobs; print(*sys.modules)"
+    said = subprocess.run([sys.executable, "-c", asked], check=True, capture_output=True, text=True).stdout
+    assert not {"scipy", "sqlalchemy", "opcua_skill.server", "sim", "matplotlib"} & set(said.split())
