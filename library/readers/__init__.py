@@ -13,9 +13,10 @@ from library.errors import ReaderError
 from library.readers import c3d, motive_csv, plain_csv, ros_bag, trc, vicon_csv
 from library.readers import lasa as lasa_files
 from library.readers.choices import Choices
+from library.readers.flat import Plane, common_plane
 from library.readers.gaps import Gaps, gaps, without_gaps
 from library.readers.lasa import lasa
-from library.readers.placing import Plane, common_plane, fit_to_plate, onto_plane
+from library.readers.placing import fit_to_plate, onto_plane
 from library.readers.sheet import Sheet
 from models.demonstration import Demonstration
 

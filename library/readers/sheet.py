@@ -10,6 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation  # pyright: ignore[reportMissingTypeStubs]
 
 from library.errors import ChoiceNeeded, ReaderError
+from library.readers.lost import without_placeholders
 from models.demonstration import Bools, Demonstration, Floats
 
 METRES = {"m": 1.0, "meters": 1.0, "metres": 1.0, "cm": 0.01, "centimeters": 0.01, "mm": 0.001, "millimeters": 0.001}
@@ -115,11 +116,13 @@ def demonstration(
 ) -> Demonstration:
     """Return what was read as a demonstration from time 0 on, or complain that it cannot be one.
 
-    ``times`` (n,) in s, ``points`` (n, d) in m with NaN for gaps, ``triggers`` (n,), missing: always on.
+    ``times`` (n,) in s, ``points`` (n, d) in m with NaN or a placeholder for gaps, ``triggers`` (n,), else on.
     Beyond ``farthest`` m from the origin the unit has to be said: nobody works there.
     """
     if len(times) < 2:
         raise ReaderError(path, f"{name!r} has {len(times)} samples", "at least 2 are needed: record it again")
+    if (np.diff(times) > 0).all():
+        points = without_placeholders(times, points)
     if np.isnan(points).any(axis=1).all():
         raise ReaderError(path, f"{name!r} has no position at all", "choose a marker that was seen")
     extent = float(np.nanmax(np.abs(points)))

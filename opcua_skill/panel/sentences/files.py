@@ -138,6 +138,13 @@ FILES = {
     "the samples lie {n} mm from one plane (RMS), {n2} mm at most": (
         "die Messpunkte liegen {n} mm von einer Ebene (RMS), höchstens {n2} mm"
     ),
+    "{t}; {n} that are no positions of the hand were left out": (
+        "{t}; {n}, die keine Positionen der Hand sind, wurden ausgelassen"
+    ),
+    "{t}, about which it may be turned by {n} degrees; show a wider stroke, or learn them in space": (
+        "{t}, um die sie um {n} Grad gedreht sein kann; einen breiteren Strich zeigen oder im Raum lernen"
+    ),
+    "positions are needed: no marker was seen": "Positionen sind nötig: kein Marker wurde gesehen",
     "one or more are needed, all in two dimensions": "eine oder mehr sind nötig, alle in zwei Dimensionen",
     "one or more are needed, all in three dimensions": "eine oder mehr sind nötig, alle in drei Dimensionen",
     "twice the margin is less than width and height": "der doppelte Rand ist kleiner als Breite und Höhe",

@@ -1,0 +1,73 @@
+"""`opcua-skill learn` with files as strangers have them: what was drawn is learned, or one sentence says why not."""
+
+import asyncio
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from opcua_skill.commands.verbs import status_of
+
+if TYPE_CHECKING:
+    from tests.conftest import Plant
+
+Learn = Callable[..., Any]
+
+
+@pytest.fixture
+def learn(plant: "Plant", monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Learn:
+    """Return a function that learns from files as the teacher: what was printed, in JSON, or what was complained of."""
+    monkeypatch.setenv("OPCUA_SKILL_CLIENT_DIR", str(plant.client_folder))
+    monkeypatch.setenv("OPCUA_SKILL_SERVER", plant.url)
+    monkeypatch.setenv("OPCUA_SKILL_PASSWORD", plant.password)
+
+    def run(name: str, *words: object, status: int = 0) -> Any:
+        capsys.readouterr()
+        ended = status_of(["learn", name, *map(str, words), "--type", "Gluing", "--user", "teacher", "--json"])
+        told = capsys.readouterr()
+        assert ended == status, told.err
+        return json.loads(told.out.splitlines()[-1]) if status == 0 else " ".join(told.err.split())
+
+    return run
+
+
+def seams(folder: Path, name: str, depth: float = 4.0) -> list[Path]:
+    """Write a seam of 120 mm on a level table as five people draw it, one with a reflection and a lost marker."""
+    generator = np.random.default_rng(3)
+    along = np.linspace(0.0, 1.0, 240)
+    files: list[Path] = []
+    for person in range(5):
+        points = np.column_stack([400 + 120 * along, 300 + depth * np.sin(np.pi * along), 700 + 0 * along])
+        points += generator.normal(0.0, 0.1, points.shape)
+        if person == 2:
+            points[100, 2] += 100.0
+            points[30:40] = 0.0
+        rows = [f"{place / 100:.2f},{x:.2f},{y:.2f},{z:.2f}" for place, (x, y, z) in enumerate(points)]
+        files.append(folder / f"{name}{person}.csv")
+        files[-1].write_text("\n".join(["t_s,x_mm,y_mm,z_mm", *rows]) + "\n")
+    return files
+
+
+def path_of(plant: "Plant", name: str) -> np.ndarray:
+    """Return the points (n, d) of the newest version in mm."""
+
+    async def asked() -> np.ndarray:
+        async with plant.sign_in("teacher") as client:
+            return 1000 * (await client.path(name)).points
+
+    return asyncio.run(asked())
+
+
+def test_one_reflection_does_not_flatten_a_seam(learn: Learn, plant: "Plant", tmp_path: Path) -> None:
+    learned = learn("seam", *seams(tmp_path, "seam"), "--plane")
+    assert set(learned["results"].values()) == {"Good"}
+    assert np.ptp(path_of(plant, "seam"), axis=0) == pytest.approx([120, 4], abs=0.5)
+
+
+def test_a_straight_seam_is_not_laid_flat_by_chance(learn: Learn, tmp_path: Path) -> None:
+    told = learn("straight", *seams(tmp_path, "straight", depth=0.0), "--plane", status=1)
+    assert "on one line, about which it may be turned" in told
+    assert "show a wider stroke, or learn them in space" in told
