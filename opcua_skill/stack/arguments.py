@@ -9,6 +9,7 @@ from typing import Any
 
 from asyncua import ua
 from asyncua.server.address_space import AddressSpace
+from asyncua.ua import ua_binary
 from asyncua.ua.object_ids import ObjectIds as Ids
 
 from opcua_skill.stack.values import node_id
@@ -125,23 +126,35 @@ def _is_member(enumeration: type[Enum], value: Any) -> bool:
 
 
 @functools.cache
-def _nullable_fields(structure: type) -> tuple[tuple[str, Callable[[], Any]], ...]:
-    """Return the fields that arrive as None when the client sent a null String, ByteString or array."""
-    hints = typing.get_type_hints(structure, {"ua": ua, "typing": typing}, dict(vars(ua)))
-    found: list[tuple[str, Callable[[], Any]]] = []
+def _nullable_fields(structure: type) -> tuple[tuple[str, Callable[[], Any] | None], ...]:
+    """Return the fields that may arrive as null, with what makes an empty one; None: look into what is there."""
+    hints = ua_binary.get_safe_type_hints(structure, {"ua": ua})
+    found: list[tuple[str, Callable[[], Any] | None]] = []
     for entry in dataclasses.fields(structure):
-        hint = hints.get(entry.name)
+        hint = ua_binary.strip_optional(hints.get(entry.name))
+        inner = typing.get_args(hint)[0] if typing.get_origin(hint) is list else hint
+        nested = isinstance(inner, type) and dataclasses.is_dataclass(inner) and inner is not ua.Variant
         if typing.get_origin(hint) is list:
             found.append((entry.name, list))
         elif isinstance(hint, type) and issubclass(hint, str):
             found.append((entry.name, str))
         elif isinstance(hint, type) and issubclass(hint, bytes):
             found.append((entry.name, bytes))
+        if nested:
+            found.append((entry.name, None))
     return tuple(found)
 
 
 def _without_nulls(value: Any) -> Any:
-    if isinstance(value, type) or not dataclasses.is_dataclass(value):
-        return value
-    missing = {name: make() for name, make in _nullable_fields(type(value)) if getattr(value, name) is None}
-    return type(value)(**{**vars(value), **missing}) if missing else value
+    """Return a structure in which null texts, bytes and arrays are empty ones, also within the structures in it."""
+    if isinstance(value, list):
+        for one in value:
+            _without_nulls(one)
+    elif not isinstance(value, type) and dataclasses.is_dataclass(value) and not isinstance(value, ua.ExtensionObject):
+        for name, make in _nullable_fields(type(value)):
+            held = getattr(value, name)
+            if make is None:
+                _without_nulls(held)
+            elif held is None:
+                setattr(value, name, make())
+    return value

@@ -1,6 +1,7 @@
 """Browse in pages, with BrowseNext, and paths: what is visited and answered is bounded, and others get their turn."""
 
 import asyncio
+import functools
 import secrets
 from collections import OrderedDict
 
@@ -11,6 +12,7 @@ from asyncua.ua.object_ids import ObjectIds as Ids
 from asyncua.ua.status_codes import StatusCodes as Codes
 
 from opcua_skill.stack.limits import Limits
+from opcua_skill.stack.operations import attempted, refused
 from opcua_skill.stack.values import node_id, status
 
 _HAS_SUBTYPE = node_id(Ids.HasSubtype)
@@ -36,7 +38,9 @@ class Browser:
         budget, results = self._limits.references_per_request, []
         for description in params.NodesToBrowse:
             result = ua.BrowseResult()
-            code, found = await turn.references(description)
+            code, found = await attempted(
+                lambda description=description: turn.references(description), lambda code: (code, []), "Browse"
+            )
             result.StatusCode = status(code)
             if not code:
                 size = min(page, max(budget, 0))
@@ -74,24 +78,26 @@ class Browser:
 
     async def translate(self, paths: list[ua.BrowsePath]) -> list[ua.BrowsePathResult]:
         """Return the nodes that each path of names leads to."""
-        turn, results = _Turn(self._aspace), []
-        for path in paths:
-            result = ua.BrowsePathResult()
-            elements = path.RelativePath.Elements
-            if not elements:
-                result.StatusCode = status(Codes.BadNothingToDo)
-            elif len(elements) > self._limits.path_elements:
-                result.StatusCode = status(Codes.BadTooManyOperations)
-            elif not elements[-1].TargetName or not elements[-1].TargetName.Name:
-                result.StatusCode = status(Codes.BadBrowseNameInvalid)
-            elif path.StartingNode not in self._aspace:
-                result.StatusCode = status(Codes.BadNodeIdUnknown)
-            else:
-                found = await turn.follow(path.StartingNode, elements)
-                result.StatusCode = status(Codes.Good if found else Codes.BadNoMatch)
-                result.Targets = [_target(node) for node in found]
-            results.append(result)
-        return results
+        turn = _Turn(self._aspace)
+        no_path = functools.partial(refused, ua.BrowsePathResult)
+        return [await attempted(lambda path=path: self._follow(turn, path), no_path, "path") for path in paths]
+
+    async def _follow(self, turn: "_Turn", path: ua.BrowsePath) -> ua.BrowsePathResult:
+        result = ua.BrowsePathResult()
+        elements = path.RelativePath.Elements
+        if not elements:
+            result.StatusCode = status(Codes.BadNothingToDo)
+        elif len(elements) > self._limits.path_elements:
+            result.StatusCode = status(Codes.BadTooManyOperations)
+        elif not elements[-1].TargetName or not elements[-1].TargetName.Name:
+            result.StatusCode = status(Codes.BadBrowseNameInvalid)
+        elif path.StartingNode not in self._aspace:
+            result.StatusCode = status(Codes.BadNodeIdUnknown)
+        else:
+            found = await turn.follow(path.StartingNode, elements)
+            result.StatusCode = status(Codes.Good if found else Codes.BadNoMatch)
+            result.Targets = [_target(node) for node in found]
+        return result
 
 
 class _Turn:

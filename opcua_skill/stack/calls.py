@@ -1,6 +1,7 @@
 """Method calls: declared once, checked before the handler runs, answered with exact status codes."""
 
 import asyncio
+import functools
 import logging
 import secrets
 from collections.abc import Awaitable, Callable, Mapping
@@ -17,6 +18,7 @@ from asyncua.ua.status_codes import StatusCodes as Codes
 
 from opcua_skill.stack.access import Caller, Role, audit_entry_id, caller
 from opcua_skill.stack.arguments import ArgumentCheck, compile_check, output_variant
+from opcua_skill.stack.operations import attempted, refused
 from opcua_skill.stack.values import node_id, status, status_name
 
 log = logging.getLogger(__name__)
@@ -137,6 +139,11 @@ class CheckedMethods(MethodService):
             for task in late:
                 task.cancel()
             await asyncio.gather(*late, return_exceptions=True)
+
+    async def call(self, methods: list[ua.CallMethodRequest]) -> list[ua.CallMethodResult]:
+        """Call methods one after another; each has a result of its own."""
+        not_called = functools.partial(refused, ua.CallMethodResult)
+        return [await attempted(lambda method=method: self._call(method), not_called, "Call") for method in methods]
 
     async def _call(self, method: ua.CallMethodRequest) -> ua.CallMethodResult:
         given = method.InputArguments or []

@@ -10,6 +10,7 @@ import functools
 import math
 import struct
 from collections.abc import Callable
+from enum import Enum, IntFlag
 from typing import Any
 
 from asyncua import ua
@@ -66,6 +67,7 @@ def install(limits: Limits) -> None:
     ua_binary.variant_from_binary = _variant
     ua_binary.extensionobject_from_binary = _extension_object
     ua_binary._reshape = reshape
+    ua_binary.create_enum_deserializer = _enumeration
     for cached in ("_create_uatype_deserializer", "_create_type_deserializer", "_create_dataclass_deserializer"):
         getattr(ua_binary, cached).cache_clear()
     _array_decoder.cache_clear()
@@ -227,6 +229,22 @@ def _extension_object(data: Any) -> Any:
     finally:
         _depth -= 1
     return _raw(type_id, body) if len(content) else value
+
+
+def _enumeration(kind: type[Enum]) -> Callable[[Any], Any]:
+    """Return the decoder of an enumeration. A number without a name stays one, at its operation's cost."""
+    named: Any = getattr(kind, "datatype", None) if issubclass(kind, IntFlag) else None
+    name = named() if named is not None else "UInt32" if issubclass(kind, IntFlag) else "Int32"
+    primitive = getattr(ua_binary.Primitives1, name)
+
+    def decode_member(data: Any) -> Any:
+        number = primitive.unpack(data)
+        try:
+            return kind(number)
+        except ValueError:
+            return number
+
+    return decode_member
 
 
 def _raw(type_id: ua.NodeId, body: Any) -> ua.ExtensionObject:

@@ -2,6 +2,7 @@
 
 import logging
 import math
+from collections.abc import Hashable
 from typing import Any
 
 from asyncua import ua
@@ -34,7 +35,15 @@ _WORKING = {
 
 
 class EventFilter(WhereClauseEvaluator):
-    """A where-clause whose OfType also holds for subtypes, and whose faults say no without a traceback."""
+    """A where-clause whose OfType also holds for subtypes, and whose faults say no without a traceback.
+
+    The literals of each list are gone through once, when the filter is made, not with each event.
+    """
+
+    def __init__(self, logger: logging.Logger, aspace: Any, whereclause: ua.ContentFilter) -> None:
+        super().__init__(logger, aspace, whereclause)
+        lists = (e.FilterOperands[1:] if e.FilterOperator == ua.FilterOperator.InList else [] for e in self.elements)
+        self._lists = [_split(operands) for operands in lists]
 
     def eval(self, event: Any) -> bool:
         """Return whether the event passes; an event that lacks a field the clause asks for does not."""
@@ -51,7 +60,22 @@ class EventFilter(WhereClauseEvaluator):
         if element.FilterOperator == ua.FilterOperator.OfType:
             wanted = self._eval_op(element.FilterOperands[0], event)
             return isinstance(wanted, ua.NodeId) and is_subtype(self._aspace, event.EventType, wanted)
+        if element.FilterOperator == ua.FilterOperator.InList:
+            wanted, (literals, others) = self._eval_op(element.FilterOperands[0], event), self._lists[index]
+            return _key(wanted) in literals or any(wanted == self._eval_op(one, event) for one in others)
         return super()._eval_el(index, event)
+
+
+def _split(operands: list[Any]) -> tuple[frozenset[Any], list[Any]]:
+    """Return the values of the literals of a list, and the operands that have to be worked out for each event."""
+    literals = [one for one in operands if isinstance(one, ua.LiteralOperand)]
+    values = frozenset(_key(one.Value.Value if one.Value is not None else None) for one in literals)
+    return values, [one for one in operands if not isinstance(one, ua.LiteralOperand)]
+
+
+def _key(value: Any) -> Any:
+    """Return what stands for a value among others; what cannot be hashed is known by how it is written."""
+    return value if isinstance(value, Hashable) else repr(value)
 
 
 def event_filter_fault(wanted: Any, limits: Limits) -> int:
@@ -72,7 +96,9 @@ def event_filter_fault(wanted: Any, limits: Limits) -> int:
         operands = element.FilterOperands or []
         if element.FilterOperator not in _WORKING:
             return Codes.BadFilterOperatorUnsupported
-        if len(operands) < _WORKING[element.FilterOperator] or len(operands) > limits.filter_elements:
+        if len(operands) < _WORKING[element.FilterOperator] or len(operands) > limits.filter_literals:
+            return Codes.BadFilterOperandCountMismatch
+        if sum(not isinstance(operand, ua.LiteralOperand) for operand in operands) > limits.filter_elements:
             return Codes.BadFilterOperandCountMismatch
         for operand in operands:
             if not isinstance(operand, _OPERANDS):
@@ -87,6 +113,8 @@ def data_filter_fault(wanted: Any) -> int:
     if wanted is None or (isinstance(wanted, ua.ExtensionObject) and not wanted.TypeId.Identifier):
         return Codes.Good
     if not isinstance(wanted, DataChangeFilter):
+        return Codes.BadMonitoredItemFilterInvalid
+    if not isinstance(wanted.Trigger, ua.DataChangeTrigger):
         return Codes.BadMonitoredItemFilterInvalid
     if wanted.DeadbandType == ua.DeadbandType.None_:
         return Codes.Good

@@ -16,6 +16,7 @@ from asyncua.ua.uaprotocol_auto import DataChangeFilter  # what is decoded: ua.D
 from opcua_skill.stack.filters import EventFilter, data_filter_fault, event_filter_fault
 from opcua_skill.stack.index_ranges import index_range
 from opcua_skill.stack.limits import Limits
+from opcua_skill.stack.operations import attempted, attempted_at_once, refused
 from opcua_skill.stack.queues import overflow
 from opcua_skill.stack.reading import encoding_fault, narrowed
 from opcua_skill.stack.values import status
@@ -66,27 +67,32 @@ class Items(MonitoredItemService):
     async def create_monitored_items(self, params: Any) -> list[ua.MonitoredItemCreateResult]:
         """Add items; each has a result of its own."""
         results: list[ua.MonitoredItemCreateResult] = []
+        not_made = functools.partial(refused, ua.MonitoredItemCreateResult)
         self._wanted_stamps = params.TimestampsToReturn
         for place, item in enumerate(params.ItemsToCreate):
-            if code := self._fault(item):
-                refused = ua.MonitoredItemCreateResult()
-                refused.StatusCode = status(code)
-                results.append(refused)
-            elif item.ItemToMonitor.AttributeId == AttributeIds.EventNotifier:
-                results.append(self._create_events_monitored_item(item))
-            else:
-                results.append(await self._create_data_change_monitored_item(item))
-            if results[-1].StatusCode.is_good():
-                self._keep_oldest(results[-1].MonitoredItemId, item.RequestedParameters)
+            results.append(await attempted(lambda item=item: self._create(item), not_made, "CreateMonitoredItems"))
             if place % ITEMS_BETWEEN_TURNS == ITEMS_BETWEEN_TURNS - 1:
                 await asyncio.sleep(0)
         return results
+
+    async def _create(self, item: Any) -> ua.MonitoredItemCreateResult:
+        if code := self._fault(item):
+            return refused(ua.MonitoredItemCreateResult, code)
+        if item.ItemToMonitor.AttributeId == AttributeIds.EventNotifier:
+            result = self._create_events_monitored_item(item)
+        else:
+            result = await self._create_data_change_monitored_item(item)
+        if result.StatusCode.is_good():
+            self._keep_oldest(result.MonitoredItemId, item.RequestedParameters)
+        return result
 
     def _keep_oldest(self, mid: int, wanted: ua.MonitoringParameters) -> None:
         (self._keeps_oldest.discard if wanted.DiscardOldest else self._keeps_oldest.add)(mid)
 
     def _fault(self, item: Any) -> int:
         wanted = item.ItemToMonitor
+        if not isinstance(item.MonitoringMode, ua.MonitoringMode):
+            return Codes.BadMonitoringModeInvalid
         if wanted.IndexRange and index_range(wanted.IndexRange) is None:
             return Codes.BadIndexRangeInvalid
         if wanted.AttributeId == AttributeIds.EventNotifier:
@@ -150,7 +156,11 @@ class Items(MonitoredItemService):
     def modify_monitored_items(self, params: Any) -> list[ua.MonitoredItemModifyResult]:
         """Change items; each has a result of its own."""
         self._wanted_stamps = params.TimestampsToReturn
-        return [self._modify_monitored_item(item) for item in params.ItemsToModify]
+        unchanged = functools.partial(refused, ua.MonitoredItemModifyResult)
+        return [
+            attempted_at_once(lambda item=item: self._modify_monitored_item(item), unchanged, "ModifyMonitoredItems")
+            for item in params.ItemsToModify
+        ]
 
     def discards_oldest(self, mid: int) -> bool:
         """Return whether an item's full queue drops its oldest entry rather than its newest."""

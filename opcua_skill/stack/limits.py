@@ -57,4 +57,5 @@ class Limits:
     subscription_lifetime: float = 600.0
     unacknowledged_messages: int = 50
     filter_elements: int = 32
+    filter_literals: int = 1_000
     selected_fields: int = 100

@@ -121,6 +121,10 @@ class Processor(SessionServices):
         algorithm, sequence = message.SecurityHeader(), message.SequenceHeader()
         request = decode(ua.OpenSecureChannelRequest, message.body())
         wanted = request.Parameters
+        if not isinstance(wanted.SecurityMode, ua.MessageSecurityMode):
+            return Codes.BadSecurityModeRejected
+        if not isinstance(wanted.RequestType, ua.SecurityTokenRequestType):
+            return Codes.BadRequestTypeInvalid
         if was_open == (wanted.RequestType == ua.SecurityTokenRequestType.Issue):
             return Codes.BadSecurityChecksFailed
         if not was_open:

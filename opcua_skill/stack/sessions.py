@@ -22,6 +22,7 @@ from opcua_skill.stack.audit import WriteRecord, claimed
 from opcua_skill.stack.browsing import Browser
 from opcua_skill.stack.calls import Refused
 from opcua_skill.stack.counting import SessionCounts, short
+from opcua_skill.stack.operations import attempted, attempted_at_once, refused
 from opcua_skill.stack.reading import narrowed, size_of, stamped
 from opcua_skill.stack.subscribing import SubscribingSession, known_timestamps
 from opcua_skill.stack.values import node_id, status
@@ -128,16 +129,19 @@ class Session(SubscribingSession):
     async def _read_each(self, nodes: list[ua.ReadValueId], which: ua.TimestampsToReturn) -> list[ua.DataValue]:
         results, size = [], 0
         for place, wanted in enumerate(nodes):
-            told = self.iserver.aspace.read_attribute_value(wanted.NodeId, wanted.AttributeId)
-            if told.Value is not None:
-                told = self._as_told_to_user(wanted, told)
-                size += size_of(told.Value.Value) if told.Value is not None else 0
-                if size > self.iserver.limits.largest_message:
-                    raise ServiceError(Codes.BadResponseTooLarge)
+            told = attempted_at_once(lambda wanted=wanted: self._read_one(wanted), _no_value, "Read")
+            size += size_of(told.Value.Value) if told.Value is not None else 0
+            if size > self.iserver.limits.largest_message:
+                raise ServiceError(Codes.BadResponseTooLarge)
             results.append(stamped(told, which))
             if place % 200 == 199:
                 await asyncio.sleep(0)
         return results
+
+    def _read_one(self, wanted: ua.ReadValueId) -> ua.DataValue:
+        told = self.iserver.aspace.read_attribute_value(wanted.NodeId, wanted.AttributeId)
+        bad = told.StatusCode is not None and told.StatusCode.is_bad()
+        return told if bad or told.Value is None else self._as_told_to_user(wanted, told)
 
     def _as_told_to_user(self, wanted: ua.ReadValueId, told: ua.DataValue) -> ua.DataValue:
         if wanted.AttributeId == AttributeIds.UserExecutable:
@@ -172,7 +176,8 @@ class Session(SubscribingSession):
         if not self.external:
             return await super().write(params)
         with calling_as(self.caller):
-            return [await self._write_one(item) for item in self.operations(params.NodesToWrite)]
+            items = self.operations(params.NodesToWrite)
+            return [await attempted(lambda item=item: self._write_one(item), status, "Write") for item in items]
 
     async def _write_one(self, item: ua.WriteValue) -> ua.StatusCode:
         """Write one value; a variable that commands something is obeyed first, or refused with its own code."""
@@ -215,13 +220,9 @@ class Session(SubscribingSession):
 
     async def history_read(self, params: Any) -> list[ua.HistoryReadResult]:
         """Return why there is no history of each node: this server keeps none."""
-        results = []
-        for wanted in self.operations(params.NodesToRead):
-            result = ua.HistoryReadResult()
-            known = wanted.NodeId in self.aspace
-            result.StatusCode = status(Codes.BadHistoryOperationUnsupported if known else Codes.BadNodeIdUnknown)
-            results.append(result)
-        return results
+        known = [wanted.NodeId in self.aspace for wanted in self.operations(params.NodesToRead)]
+        codes = {True: Codes.BadHistoryOperationUnsupported, False: Codes.BadNodeIdUnknown}
+        return [refused(ua.HistoryReadResult, codes[one]) for one in known]
 
     async def call(self, params: list[ua.CallMethodRequest]) -> list[ua.CallMethodResult]:
         """Call methods on behalf of this session's user."""
@@ -233,6 +234,10 @@ class Session(SubscribingSession):
     def idle_for(self) -> float:
         """Return the seconds since the last request."""
         return time.monotonic() - self._last_activity
+
+
+def _no_value(code: int) -> ua.DataValue:
+    return refused(ua.DataValue, code)
 
 
 def internal_user() -> User:

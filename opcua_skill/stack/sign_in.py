@@ -1,5 +1,6 @@
 """From an identity token to a proven user: decrypt, check the nonce and the signature, then ask the authenticator."""
 
+import hmac
 import logging
 import struct
 from datetime import UTC, datetime
@@ -59,7 +60,10 @@ async def prove_identity(
 
 
 def read_password(token: ua.UserNameIdentityToken, channel: Channel, nonce: bytes, private_key: Any) -> str:
-    """Return the password in a token (OPC 10000-4, 7.40.4); one in clear text only inside an encrypted channel."""
+    """Return the password in a token (OPC 10000-4, 7.40.4); one in clear text only inside an encrypted channel.
+
+    What follows the nonce is padding (7.40.2.2): a client may add some, and all of it has to be zero.
+    """
     sealed = token.Password or b""
     if len(sealed) > MAX_PASSWORD_TOKEN:
         raise ServiceError(Codes.BadIdentityTokenInvalid)
@@ -71,8 +75,9 @@ def read_password(token: ua.UserNameIdentityToken, channel: Channel, nonce: byte
             block = private_key.key_size // 8
             plain = b"".join(decrypt(private_key, sealed[at : at + block]) for at in range(0, len(sealed), block))
             (length,) = struct.unpack_from("<I", plain)
-            secret, end = plain[4 : 4 + length], length - len(nonce)
-            if length != len(plain) - 4 or end < 0 or secret[end:] != nonce:
+            secret, padding, end = plain[4 : 4 + length], plain[4 + length :], length - len(nonce)
+            whole = len(secret) == length and end >= 0 and not any(padding)
+            if not whole or not hmac.compare_digest(secret[end:], nonce):
                 raise ServiceError(Codes.BadIdentityTokenInvalid)
             return secret[:end].decode("utf-8")
         if channel.mode != ua.MessageSecurityMode.SignAndEncrypt:

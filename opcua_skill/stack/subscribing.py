@@ -127,6 +127,8 @@ class SubscribingSession(InternalSession):
         self._own(params.SubscriptionId)
         if self.external:
             self.operations(params.MonitoredItemIds, self.iserver.limits.items_per_subscription)
+        if not isinstance(params.MonitoringMode, ua.MonitoringMode):
+            raise ServiceError(Codes.BadMonitoringModeInvalid)
         with calling_as(self.caller):
             return await super().set_monitoring_mode(params)
 

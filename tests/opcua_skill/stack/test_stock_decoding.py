@@ -74,6 +74,12 @@ def test_a_structure_with_a_foreign_body_is_a_fault():
         )
 
 
+def test_a_number_without_a_name_is_a_fault():
+    with pytest.raises(ValueError, match="99"):
+        read = binary.create_enum_deserializer(ua.BrowseDirection)(buffer(struct.pack("<i", 99)))
+        pytest.fail(mended(f"an enumeration keeps a number that has no name ({read})"))
+
+
 def test_a_field_called_encoding_is_a_byte():
     record = ua.SessionSecurityDiagnosticsDataType()
     assert record.Encoding == 0 and not isinstance(record.Encoding, str), (
