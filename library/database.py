@@ -4,7 +4,10 @@ What is particular to one database engine stands in this file and in the migrati
 """
 
 import asyncio
+import contextlib
 import os
+import secrets
+import sqlite3
 from collections.abc import Callable, Coroutine
 from pathlib import Path
 from typing import Any, TypeVar
@@ -15,7 +18,8 @@ from sqlalchemy.exc import ArgumentError, DBAPIError, NoSuchModuleError
 from sqlalchemy.ext.asyncio import AsyncEngine, create_async_engine
 
 from library.errors import LibraryUnusable
-from library.migrations import migrate
+from library.migrations import check_ours, migrate
+from library.private_files import make_private
 
 Result = TypeVar("Result")
 Work = Callable[[sql.Connection], Result]
@@ -33,11 +37,16 @@ class Database:
         self._running: set[asyncio.Task[Any]] = set()
 
     @classmethod
-    async def open(cls, url_or_path: str | Path) -> "Database":
-        """Return the database at a file path or SQLAlchemy URL; its folder, file and tables are made if missing."""
+    async def open(cls, url_or_path: str | Path, *, must_exist: bool = False) -> "Database":
+        """Return the database at a file path or SQLAlchemy URL.
+
+        Its folder, file and tables are made if missing, unless it ``must_exist``. What is there and is no database of
+        this program's is never replaced.
+        """
         url = _url(url_or_path)
         where = url.database if url.get_backend_name() == "sqlite" and url.database else url.render_as_string()
         if url.get_backend_name() == "sqlite":
+            _check_file(where, must_exist)
             _make_file(where)
         try:
             engine = create_async_engine(url, pool_size=4, max_overflow=4, pool_timeout=BUSY_SECONDS)
@@ -105,11 +114,50 @@ def _url(url_or_path: str | Path) -> sql.URL:
     return url.set(drivername=drivers.get(url.drivername, url.drivername))
 
 
+def _check_file(where: str, must_exist: bool) -> None:
+    """Raise LibraryUnusable for a file that is missing though it must exist, or that has nothing in it."""
+    file = Path(where)
+    beside = [one for one in (Path(f"{where}-wal"), Path(f"{where}-journal")) if one.exists() and one.stat().st_size]
+    if file.exists():
+        if file.is_file() and file.stat().st_size == 0:
+            remedy = "restore it from a backup, or delete it to begin with an empty library"
+            raise LibraryUnusable(where, "it is empty (0 bytes)", remedy)
+        with contextlib.suppress(sqlite3.Error):  # what is wrong otherwise is told when it is opened to write
+            check_ours(_tables(where), where)
+    elif must_exist:
+        raise LibraryUnusable(where, "there is no such file", "check the name of the data folder (--data)")
+    elif beside:
+        remedy = f"restore it from a backup, or move {beside[0].name} away to begin with an empty library"
+        raise LibraryUnusable(where, f"it is missing though {beside[0].name} is there", remedy)
+
+
+def _tables(where: str) -> set[str]:
+    """Return the names of a file's tables without changing a byte of it: it may be another program's."""
+    with contextlib.closing(sqlite3.connect(f"{Path(where).as_uri()}?mode=ro", uri=True, timeout=1.0)) as connection:
+        return {name for (name,) in connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
+
+
 def _make_file(where: str) -> None:
-    """Make folder and file, readable by the owner alone: it holds password hashes. SQLite's side files follow suit."""
+    """Make folder and file, readable by the owner alone: it holds password hashes. SQLite's side files follow suit.
+
+    The file is never seen empty: it is made under another name, with SQLite's first page in it, and then linked.
+    """
+    file = Path(where)
     try:
-        Path(where).parent.mkdir(parents=True, exist_ok=True)
-        os.close(os.open(where, os.O_RDWR | os.O_CREAT, 0o600))
+        make_private(file.parent)
+        if not file.exists():
+            scratch = file.with_name(f".{file.name}.{secrets.token_hex(4)}")
+            os.close(os.open(scratch, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600))
+            with contextlib.closing(sqlite3.connect(scratch)) as connection:
+                connection.execute("PRAGMA journal_mode = WAL")
+            try:
+                os.link(scratch, file)
+            except FileExistsError:
+                pass  # somebody else was quicker
+            except OSError:  # a file system without links
+                scratch.rename(file)
+            scratch.unlink(missing_ok=True)
+        os.close(os.open(where, os.O_RDWR))
     except OSError as error:
         reason = error.strerror or str(error)
         raise LibraryUnusable(where, reason, "name a file in a folder that this user may write") from error

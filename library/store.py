@@ -44,9 +44,9 @@ class SkillLibrary:
         self._database = database
 
     @classmethod
-    async def open(cls, url_or_path: str | Path) -> Self:
-        """Return the library in a file, or behind a database URL, made or brought up to date if need be."""
-        return cls(await Database.open(url_or_path))
+    async def open(cls, url_or_path: str | Path, *, must_exist: bool = False) -> Self:
+        """Return the library in a file, or behind a database URL, brought up to date; made unless it must exist."""
+        return cls(await Database.open(url_or_path, must_exist=must_exist))
 
     async def close(self) -> None:
         """Finish what is under way and let go of the database."""
@@ -311,6 +311,11 @@ class SkillLibrary:
     async def set_password_hash(self, name: str, password_hash: str) -> None:
         """Give a user another password."""
         await self._database.write(lambda connection: user_rows.set_password_hash(connection, name, password_hash))
+
+    async def set_role(self, name: str, role: str) -> None:
+        """Give a user another role."""
+        check_name(role, "role")
+        await self._database.write(lambda connection: user_rows.set_role(connection, name, role))
 
     async def remove_user(self, name: str) -> None:
         """Remove a user; what the user did stays in the records."""

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from library.private_files import make_private, write_private
 from models.demonstration import Demonstration, Edits
 from models.errors import SkillError
 from models.learning import LearnedMotion, LearningOptions, Previous, learn
@@ -107,13 +108,13 @@ def write_trace(
 
     Each file appears whole or not at all.
     """
-    folder.mkdir(parents=True, exist_ok=True)
+    make_private(folder)
     contents = {kind: to_csv(trace).encode() if kind == "csv" else to_parquet(trace) for kind in formats}
     if plan is not None:
         contents["plan.json"] = json.dumps(plan, indent=1, default=float, allow_nan=False).encode()
     for kind, content in contents.items():
         unfinished = folder / f".{name}.{kind}.part"
-        unfinished.write_bytes(content)
+        write_private(unfinished, content)
         unfinished.replace(folder / f"{name}.{kind}")
 
 

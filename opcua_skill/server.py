@@ -1,17 +1,22 @@
 """The server: library, job engine, address space and endpoint put together, started in order and stopped in order."""
 
 import asyncio
+import contextlib
 import logging
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Self
+from urllib.parse import urlsplit
 
 from asyncua import ua
 
 from library.description import AuditEntry, JobReport, SkillDescription
 from library.errors import Damaged
+from library.private_files import make_private
 from library.store import SkillLibrary
 from opcua_skill.arm_lock import ArmLock, LockedByAnother
+from opcua_skill.data_lock import DataLock, database_file
+from opcua_skill.first_look import check_library_is_there, check_users, tell_loose
 from opcua_skill.health import Health
 from opcua_skill.jobs import ArmFactory, JobEngine, Station, ready_to_move
 from opcua_skill.methods.audit import AuditMethods
@@ -37,6 +42,7 @@ from opcua_skill.stack.access import caller
 from opcua_skill.stack.audit import SignInRecord, WriteRecord
 from opcua_skill.stack.calls import CallRecord, Refused
 from opcua_skill.stack.server import SkillServer
+from opcua_skill.stack.transport import ReservedPort
 from opcua_skill.tidings import Tidings
 from sim.arm import ArmError, ArmModel, ArmState
 from sim.arms import load
@@ -71,6 +77,7 @@ class SkillServerApp:
         self._faces: dict[str, _Face] = {}
         self._faults: list[str] = []
         self._showing: asyncio.Task[None] | None = None
+        self._lock = DataLock(settings)
         self.library: SkillLibrary
         self.jobs: JobEngine
         self.server: SkillServer
@@ -98,11 +105,42 @@ class SkillServerApp:
         return self.server.insecure
 
     async def start(self) -> None:
-        """Open the library, build the address space, open the arms, then the endpoint."""
+        """Lock the data folder, bind the port, open the library, build the address space, the arms, the endpoint.
+
+        What has been taken is given back when a later step fails. Nothing is read or written before the lock is held,
+        and no job is touched before the port is.
+        """
         settings = self.settings
-        settings.data.mkdir(parents=True, exist_ok=True, mode=0o700)
-        self.library = await SkillLibrary.open(settings.database_address)
-        self._authenticator = Authenticator(self.library)
+        async with contextlib.AsyncExitStack() as undo:
+            make_private(settings.data)
+            last = self._lock.take()
+            undo.callback(self._lock.release)
+            check_library_is_there(settings, last)
+            database = database_file(settings)
+            tell_loose(settings, *([database] if database else []))
+            address = urlsplit(settings.endpoint)
+            port = await ReservedPort.take(address.hostname or "", address.port or 0)
+            undo.callback(port.close)
+            self.library = await SkillLibrary.open(settings.database_address)
+            undo.push_async_callback(self.library.close)
+            check_users(await self.library.users())
+            self._authenticator = Authenticator(self.library)
+            undo.callback(self._authenticator.close)
+            await self._build()
+            undo.push_async_callback(self.jobs.stop)
+            await self.jobs.start()
+            for workstation in settings.workstations:
+                await self._add_workstation(workstation.name)
+            self._tidings.on_deployment.append(self._deployment_changed)
+            self.server.iserver.on_session_closed.append(self._session_closed)
+            await self.server.start(port)
+            undo.pop_all()
+        self._health.start()
+        self._showing = asyncio.create_task(self._show_state(), name="show state of arms")
+
+    async def _build(self) -> None:
+        """Make the server and its address space, all but the workstations."""
+        settings = self.settings
         self._health = Health(self.library)
         security = SecuritySettings(
             folder=settings.data / "certificates",
@@ -134,14 +172,6 @@ class SkillServerApp:
         await add_library(self._tree, methods, settings.limits, largest, self.insecure)
         await add_edits(self._tree, EditMethods(self.library, self.jobs, settings))
         await add_audit(self._tree, AuditMethods(self.library))
-        await self.jobs.start()
-        for workstation in settings.workstations:
-            await self._add_workstation(workstation.name)
-        self._tidings.on_deployment.append(self._deployment_changed)
-        self.server.iserver.on_session_closed.append(self._session_closed)
-        await self.server.start()
-        self._health.start()
-        self._showing = asyncio.create_task(self._show_state(), name="show state of arms")
 
     async def stop(self) -> None:
         """Stop every motion, then close the endpoint, the workers and the library."""
@@ -153,6 +183,7 @@ class SkillServerApp:
         await self.server.stop()
         self._authenticator.close()
         await self.library.close()
+        self._lock.release()
 
     async def _add_workstation(self, name: str) -> None:
         station = self.jobs.stations[name]

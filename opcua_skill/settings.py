@@ -4,8 +4,9 @@ import os
 import tomllib
 from pathlib import Path
 from typing import Any, Literal
+from urllib.parse import urlsplit
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 from pydantic_settings import BaseSettings, EnvSettingsSource, SettingsConfigDict
 
 WORKSTATION_NAME = r"^[A-Za-z][A-Za-z0-9_-]{0,63}$"
@@ -138,6 +139,18 @@ class Settings(BaseSettings):
     limits: Limits = Field(default=Limits(), description="limits of one request")
     learning: Learning = Field(default=Learning(), description="the learning workers")
     security: Security = Field(default=Security(), description="who may connect")
+
+    @field_validator("endpoint")
+    @classmethod
+    def _endpoint_is_an_address(cls, endpoint: str) -> str:
+        parts = urlsplit(endpoint)
+        try:
+            good = parts.scheme == "opc.tcp" and bool(parts.hostname) and parts.port is not None
+        except ValueError:
+            good = False
+        if not good:
+            raise ValueError(f"{endpoint!r} is no address of a server: write opc.tcp://HOST:PORT")
+        return endpoint
 
     @model_validator(mode="after")
     def _workstation_names_differ(self) -> "Settings":

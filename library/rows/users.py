@@ -47,6 +47,12 @@ def set_password_hash(connection: sql.Connection, name: str, password_hash: str)
     connection.execute(users.update().where(users.c.name == name).values(password_hash=password_hash))
 
 
+def set_role(connection: sql.Connection, name: str, role: str) -> None:
+    """Give a user another role."""
+    read(connection, name)
+    connection.execute(users.update().where(users.c.name == name).values(role=role))
+
+
 def remove(connection: sql.Connection, name: str) -> None:
     """Remove a user; what the user did stays in the records."""
     read(connection, name)

@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 import functools
 import logging
+import shlex
 import uuid
 from collections.abc import AsyncIterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -159,7 +160,8 @@ class Session:
         why = SIGN_IN_REFUSALS.get(code, meaning(code))
         if "certificate" in why:
             mine = await self._certificate()
-            why += f"; on the server: opcua-skill certificates trust {mine.certificate_file}"
+            file = shlex.quote(str(mine.certificate_file))
+            why += f"; on the server, whose data folder is DIR: opcua-skill certificates trust {file} --data DIR"
         return f"{self.url} does not let {self.user or 'you'} in: {why} [{status_name(code)}]"
 
     def structure(self, name: str) -> type:

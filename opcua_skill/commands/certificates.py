@@ -8,31 +8,54 @@ import typer
 from opcua_skill.commands.configuration import Config, Data, load_settings
 from opcua_skill.commands.connection import Json
 from opcua_skill.commands.faults import Fault
-from opcua_skill.commands.output import print_json, say, screen, table, when
-from opcua_skill.security import TrustList
+from opcua_skill.commands.output import note, print_json, say, screen, table, when
+from opcua_skill.security import ListedCertificate, TrustList
+from opcua_skill.security.chains import CertificateFault
 from opcua_skill.settings import Settings
 
 app = typer.Typer(no_args_is_help=True, help="Certificates, on the data folder of a server.")
 
+STILL_REFUSED = {
+    CertificateFault.POLICY: "its key is too short (2048 to 4096 bits RSA are taken) or its signature too weak",
+    CertificateFault.TIME: "it has expired or is not valid yet",
+    CertificateFault.USE: "its key usage does not allow it to sign in as a client",
+    CertificateFault.URI: "it names no application URI (subjectAltName), which OPC UA clients need",
+    CertificateFault.ISSUER_TIME: "the authority's certificate has expired or is not valid yet",
+    CertificateFault.ISSUER_USE: "the authority's certificate may not issue certificates",
+    CertificateFault.UNKNOWN: "there is no valid revocation list of the authority in trusted/crl or issuers/crl",
+    CertificateFault.ISSUER_UNKNOWN: "an authority above has no valid revocation list in trusted/crl or issuers/crl",
+    CertificateFault.REVOKED: "its authority has revoked it",
+    CertificateFault.ISSUER_REVOKED: "the authority that issued it has been revoked",
+}
+
 
 def folder(settings: Settings) -> Path:
-    """Return where a server keeps its key, its certificate and its trust list."""
+    """Return where a server keeps its key, its certificate and its trust list; there has to be a data folder."""
+    if not settings.data.is_dir():
+        raise Fault(f"there is no data folder {settings.data}: check --data")
     return settings.data / "certificates"
 
 
-def trust_list(settings: Settings) -> TrustList:
+def trust_list(settings: Settings, *, make: bool = False) -> TrustList:
     """Return the trust list of a data folder."""
-    return TrustList(folder(settings))
+    return TrustList(folder(settings), make=make)
 
 
 @app.command()
 def show(data: Data = None, config: Config = None, as_json: Json = False) -> None:
-    """Show the server's certificate; it is made if there is none yet."""
+    """Show the server's certificate, and what others may read that they should not; made if there is none yet."""
+    from library.private_files import loose
+    from opcua_skill.data_lock import database_file
     from opcua_skill.security import ensure_server_certificate
 
     settings = load_settings(config, data=data)
-    made = ensure_server_certificate(folder(settings), settings.application_uri, "opcua-skill")
+    try:
+        made = ensure_server_certificate(folder(settings), settings.application_uri, "opcua-skill")
+    except ValueError as error:
+        raise Fault(str(error)) from None
     certificate = made.certificate()
+    database = database_file(settings)
+    too_open = loose(settings.data, *([database] if database else []))
     facts = {
         "file": made.certificate_file,
         "application_uri": made.application_uri,
@@ -40,10 +63,12 @@ def show(data: Data = None, config: Config = None, as_json: Json = False) -> Non
         "valid_until": certificate.not_valid_after_utc,
     }
     if as_json:
-        print_json(facts)
+        print_json({**facts, "open_to_others": {str(one.path): one.mode for one in too_open}})
         return
     rows = [(key.replace("_", " "), when(value) if key == "valid_until" else value) for key, value in facts.items()]
     screen.print(table("the server's certificate", ("what", "value"), rows))
+    for one in too_open:
+        note(f"{one}: chmod go-rwx it, unless that is meant")
 
 
 @app.command()
@@ -55,16 +80,41 @@ def trust(
     config: Config = None,
     as_json: Json = False,
 ) -> None:
-    """Let a client's certificate in, from now on and without a restart."""
-    listed = trust_list(load_settings(config, data=data))
+    """Let a client's certificate in, from now on and without a restart; say for what it will still be refused."""
+    settings = load_settings(config, data=data)
+    listed = trust_list(settings, make=True)
     try:
         found = listed.trust(Path(file)) if Path(file).is_file() else listed.trust_rejected(file)
     except ValueError as error:
         raise Fault(f"{error} (argument FILE)") from None
     if as_json:
-        print_json(found)
+        print_json({**plain_fields(found), "refused_for": [one.value for one in found.refused_for]})
+        return
+    name = found.application_uri or found.subject
+    if not found.refused_for:
+        say(f"{name} is trusted (thumbprint {found.thumbprint})")
+        return
+    say(f"{name} is on the trust list (thumbprint {found.thumbprint}), but will still be refused:")
+    for one in found.refused_for:
+        say(f"  {STILL_REFUSED[one]} [{one.value}]")
+
+
+@app.command()
+def distrust(
+    thumbprint: Annotated[str, typer.Argument(metavar="THUMBPRINT", help="(the start of) its thumbprint")],
+    data: Data = None,
+    config: Config = None,
+    as_json: Json = False,
+) -> None:
+    """Turn a client that was let in away again; a running server ends its sessions within about a second."""
+    try:
+        gone = trust_list(load_settings(config, data=data)).distrust(thumbprint)
+    except ValueError as error:
+        raise Fault(f"{error} (argument THUMBPRINT)") from None
+    if as_json:
+        print_json({"thumbprint": gone.thumbprint})
     else:
-        say(f"{found.application_uri or found.subject} is trusted (thumbprint {found.thumbprint})")
+        say(f"{gone.application_uri or gone.subject} is no longer trusted")
 
 
 @app.command("list")
@@ -72,15 +122,22 @@ def list_certificates(data: Data = None, config: Config = None, as_json: Json = 
     """List the clients that are let in, and those that were turned away."""
     found = trust_list(load_settings(config, data=data)).listed()
     if as_json:
-        print_json(found)
+        print_json([{**plain_fields(one), "refused_for": [why.value for why in one.refused_for]} for one in found])
         return
     rows = [
         (
-            "trusted" if one.trusted else "rejected",
+            ("trusted, refused" if one.refused_for else "trusted") if one.trusted else "rejected",
             one.application_uri or one.subject,
             one.thumbprint,
             when(one.valid_until),
+            "; ".join(STILL_REFUSED[why] for why in one.refused_for),
         )
         for one in found
     ]
-    screen.print(table("", ("", "application", "thumbprint", "valid until"), rows))
+    screen.print(table("", ("", "application", "thumbprint", "valid until", "refused because"), rows))
+
+
+def plain_fields(one: ListedCertificate) -> dict[str, object]:
+    """Return what a listed certificate says of itself, for a program."""
+    names = ("file", "trusted", "thumbprint", "subject", "application_uri", "valid_until")
+    return {name: getattr(one, name) for name in names}

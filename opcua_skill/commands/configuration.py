@@ -1,5 +1,6 @@
 """Options that server-side commands share, and the settings they lead to."""
 
+import shlex
 import tomllib
 from pathlib import Path
 from typing import Annotated, Any
@@ -16,6 +17,12 @@ Config = Annotated[
 Data = Annotated[Path | None, typer.Option("--data", file_okay=False, metavar="DIR", help="data folder of the server")]
 
 
+def data_options(settings: Settings, config: Path | None) -> str:
+    """Return the options that lead a verb to the same data, to be run as they stand in any folder."""
+    named = f" --config {shlex.quote(str(config.absolute()))}" if config is not None else ""
+    return f"--data {shlex.quote(str(settings.data.absolute()))}{named}"
+
+
 def load_settings(config: Path | None, **overrides: Any) -> Settings:
     """Return the settings; a fault names the key, the file and what is wrong with its value."""
     try:
@@ -23,6 +30,6 @@ def load_settings(config: Path | None, **overrides: Any) -> Settings:
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join(str(part) for part in first["loc"]) or "settings"
-        raise Fault(f"{config or 'settings'}: {key}: {first['msg']}") from None
-    except tomllib.TOMLDecodeError as error:
+        raise Fault(f"{config or 'settings'}: {key}: {first['msg'].removeprefix('Value error, ')}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise Fault(f"{config} is not TOML: {error}") from None

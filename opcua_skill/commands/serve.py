@@ -4,15 +4,18 @@ import asyncio
 import contextlib
 import gc
 import logging
+import os
 import signal
 import sys
 from typing import Annotated
 
 import typer
 
-from opcua_skill.commands.configuration import Config, Data, load_settings
+from library.private_files import KeyIsOpen
+from opcua_skill.commands.configuration import Config, Data, data_options, load_settings
 from opcua_skill.commands.faults import Fault
 from opcua_skill.commands.output import note, say
+from opcua_skill.security import CertificateUnusable
 from opcua_skill.settings import Settings
 
 log = logging.getLogger(__name__)
@@ -30,18 +33,27 @@ def serve(
     # What a start makes lives as long as the server. Looking through it for garbage would take a second of the start,
     # and later 0.4 s at a time in which nobody is served.
     gc.disable()
+    from opcua_skill.data_lock import ServedAlready
+    from opcua_skill.first_look import DataUnusable
+
     settings = load_settings(config, data=data, endpoint=endpoint)
+    os.umask(0o077)  # what a server writes is for its own user, also what its workers write
     logging.getLogger().setLevel(settings.log_level.upper())
     for name in ("asyncua", "sqlalchemy", "alembic"):
         logging.getLogger(name).setLevel(logging.WARNING)
     try:
-        asyncio.run(keep_serving(settings, until_stdin_closes))
+        asyncio.run(keep_serving(settings, until_stdin_closes, data_options(settings, config)))
+    except (ServedAlready, DataUnusable, CertificateUnusable, KeyIsOpen) as error:
+        raise Fault(str(error)) from None
     except OSError as error:
         raise Fault(f"cannot serve at {settings.endpoint}: {error}") from None
 
 
-async def keep_serving(settings: Settings, until_stdin_closes: bool) -> None:
-    """Serve until somebody asks to stop: Ctrl-C, SIGTERM, or the process that holds our stdin ending in any way."""
+async def keep_serving(settings: Settings, until_stdin_closes: bool, where: str) -> None:
+    """Serve until somebody asks to stop: Ctrl-C, SIGTERM, or the process that holds our stdin ending in any way.
+
+    ``where`` are the options that lead other verbs to the same data.
+    """
     from opcua_skill.commands.arms import Arms
     from opcua_skill.server import SkillServerApp
 
@@ -58,7 +70,7 @@ async def keep_serving(settings: Settings, until_stdin_closes: bool) -> None:
         stations = ", ".join(f"{station.name} ({station.arm}, {station.driver})" for station in settings.workstations)
         note(f"workstations: {stations}; data in {settings.data}")
         if not await app.library.users():
-            note(f"nobody can sign in yet: opcua-skill users add NAME --role admin --data {settings.data}")
+            note(f"nobody can sign in yet: opcua-skill users add admin --role admin {where}")
         await stop.wait()
         note("stopping")
     with contextlib.suppress(BrokenPipeError):

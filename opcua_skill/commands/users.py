@@ -26,12 +26,17 @@ FromStdin = Annotated[bool, typer.Option("--password-stdin", help="read the pass
 Result = TypeVar("Result")
 
 
-def with_library(settings: Settings, work: "Callable[[SkillLibrary], Awaitable[Result]]") -> Result:
-    """Open the library of a data folder, do the work, close it. Its imports are slow: only these commands pay."""
+def with_library(
+    settings: Settings, work: "Callable[[SkillLibrary], Awaitable[Result]]", *, may_make: bool = False
+) -> Result:
+    """Open the library of a data folder, do the work, close it; where there is none, only who adds to it makes one.
+
+    Its imports are slow: only these commands pay.
+    """
     from library.store import SkillLibrary
 
     async def opened() -> Result:
-        library = await SkillLibrary.open(settings.database_address)
+        library = await SkillLibrary.open(settings.database_address, must_exist=not may_make)
         try:
             return await work(library)
         finally:
@@ -78,6 +83,7 @@ def add(
     with_library(
         load_settings(config, data=data),
         lambda library: library.add_user(name, role.value, secret, certificate=der, actor="command line"),
+        may_make=True,
     )
     if as_json:
         print_json({"name": name, "role": role.value})
@@ -104,7 +110,7 @@ def import_users(
         for name, role, secret in added:
             await library.add_user(name, role.value, secret, actor="command line")
 
-    with_library(settings, work)
+    with_library(settings, work, may_make=True)
     if as_json:
         print_json([{"name": name, "role": role.value} for name, role, _ in added])
     else:
@@ -156,6 +162,22 @@ def remove(name: Name, data: Data = None, config: Config = None, as_json: Json =
         print_json({"name": name})
     else:
         say(f"{name} may no longer sign in")
+
+
+@app.command("role")
+def change_role(
+    name: Name,
+    role: Annotated[Role, typer.Argument(metavar="ROLE", help="what the user may do from now on")],
+    data: Data = None,
+    config: Config = None,
+    as_json: Json = False,
+) -> None:
+    """Give a user another role; it counts for sessions that are open, too."""
+    with_library(load_settings(config, data=data), lambda library: library.set_role(name, role.value))
+    if as_json:
+        print_json({"name": name, "role": role.value})
+    else:
+        say(f"{name} is {role.value} from now on")
 
 
 @app.command()

@@ -2,6 +2,7 @@
 
 from opcua_skill.security.certificates import (
     ApplicationCertificate,
+    CertificateUnusable,
     ensure_client_certificate,
     ensure_server_certificate,
     load_certificate,
@@ -15,6 +16,7 @@ __all__ = [
     "POLICIES",
     "ApplicationCertificate",
     "Authenticator",
+    "CertificateUnusable",
     "ListedCertificate",
     "LockOut",
     "SecuritySettings",

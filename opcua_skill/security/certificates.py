@@ -1,6 +1,7 @@
 """Application certificates: self-signed, made at first start, keys readable by their owner alone."""
 
 import ipaddress
+import logging
 import os
 import socket
 from dataclasses import dataclass
@@ -8,9 +9,14 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 from cryptography import x509
+from cryptography.exceptions import UnsupportedAlgorithm
 from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import rsa
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
+
+from library.private_files import check_key, make_private
+
+log = logging.getLogger(__name__)
 
 KEY_BITS = 2048
 VALID_FOR = timedelta(days=5 * 365)
@@ -31,6 +37,14 @@ class ApplicationCertificate:
     def thumbprint(self) -> str:
         """Return the SHA-1 thumbprint in hex, by which OPC UA tools name certificates."""
         return thumbprint(self.certificate())
+
+
+class CertificateUnusable(ValueError):
+    """Key and certificate in a folder that cannot be used as they are; they are never replaced unasked."""
+
+    def __init__(self, file: Path, problem: str, remedy: str = "restore it from a backup") -> None:
+        super().__init__(f"{file} {problem}: {remedy}, or move key and certificate away to have new ones made")
+        self.file = file
 
 
 def thumbprint(certificate: x509.Certificate) -> str:
@@ -66,31 +80,51 @@ def ensure_client_certificate(
 def _ensure(
     folder: Path, stem: str, application_uri: str, application_name: str, names: tuple[str, ...], *, server: bool
 ) -> ApplicationCertificate:
-    folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+    make_private(folder)
     found = ApplicationCertificate(folder / f"{stem}.der", folder / f"{stem}.pem", application_uri)
-    if found.key_file.exists() and found.certificate_file.exists():
-        _check_bound_to(found)
+    if found.certificate_file.exists():
+        _check(found)
         return found
-    key = _load_key(found.key_file) if found.key_file.exists() else _make_key(found.key_file)
+    if found.key_file.exists():
+        check_key(found.key_file)
+        key = _load_key(found.key_file)
+        log.warning("%s is missing: it is made again for its key %s", found.certificate_file, found.key_file.name)
+    else:
+        key = _make_key(found.key_file)
     certificate = _self_signed(key, application_uri, application_name, names, server=server)
     _write(found.certificate_file, certificate.public_bytes(serialization.Encoding.DER), mode=0o644)
     return found
 
 
-def _check_bound_to(found: ApplicationCertificate) -> None:
-    alternative = found.certificate().extensions.get_extension_for_class(x509.SubjectAlternativeName).value
-    uris = alternative.get_values_for_type(x509.UniformResourceIdentifier)
+def _check(found: ApplicationCertificate) -> None:
+    """Raise CertificateUnusable, or KeyIsOpen, unless key and certificate are there, whole, and made for each other."""
+    if not found.key_file.exists():
+        raise CertificateUnusable(found.key_file, f"is missing, the key of {found.certificate_file.name}")
+    check_key(found.key_file)
+    key = _load_key(found.key_file)
+    try:
+        certificate = found.certificate()
+    except ValueError:
+        raise CertificateUnusable(found.certificate_file, "is damaged: it is no certificate in DER form") from None
+    if certificate.public_key() != key.public_key():
+        raise CertificateUnusable(found.certificate_file, f"does not belong to the key {found.key_file.name}")
+    try:
+        alternative = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+        uris = alternative.get_values_for_type(x509.UniformResourceIdentifier)
+    except x509.ExtensionNotFound:
+        uris = []
     if found.application_uri not in uris:
-        raise ValueError(
-            f"{found.certificate_file} is bound to {', '.join(uris) or 'no application URI'}, not to"
-            f" {found.application_uri}: keep the URI, or move the file away to have a new certificate made"
-        )
+        problem = f"is bound to {', '.join(uris) or 'no application URI'}, not to {found.application_uri}"
+        raise CertificateUnusable(found.certificate_file, problem, "keep the URI")
 
 
 def _load_key(file: Path) -> rsa.RSAPrivateKey:
-    key = serialization.load_pem_private_key(file.read_bytes(), password=None)
+    try:
+        key = serialization.load_pem_private_key(file.read_bytes(), password=None)
+    except (ValueError, TypeError, UnsupportedAlgorithm):
+        raise CertificateUnusable(file, "is damaged: it is no private key in PEM form without a password") from None
     if not isinstance(key, rsa.RSAPrivateKey):
-        raise ValueError(f"{file} is not an RSA key")
+        raise CertificateUnusable(file, "is not an RSA key")
     return key
 
 

@@ -32,6 +32,7 @@ class CertificateFault(StrEnum):
     UNKNOWN = "BadCertificateRevocationUnknown"
     ISSUER_UNKNOWN = "BadCertificateIssuerRevocationUnknown"
     REVOKED = "BadCertificateRevoked"
+    URI = "BadCertificateUriInvalid"
     ISSUER_REVOKED = "BadCertificateIssuerRevoked"
 
 
@@ -72,14 +73,47 @@ def fault(
     return None
 
 
+def remaining_faults(certificate: x509.Certificate, known: Known, now: datetime) -> list[CertificateFault]:
+    """Return all for which a certificate that is trusted is refused nevertheless; of an authority, its clients."""
+    if is_authority(certificate):
+        found = _issuer_fault(certificate, 0, now)
+        lists = any(
+            one.issuer == certificate.subject and (one.next_update_utc is None or now <= one.next_update_utc)
+            for one in known.lists
+        )
+        return [*([found] if found else []), *([] if lists else [CertificateFault.UNKNOWN])]
+    found = [one for one in (_weakness(certificate), _outside_its_time(certificate, now), _misuse(certificate)) if one]
+    names = _extension(certificate, x509.SubjectAlternativeName)
+    if names is None or not names.get_values_for_type(x509.UniformResourceIdentifier):
+        found.append(CertificateFault.URI)
+    if not found and (above := fault(certificate, known, now)):
+        found.append(above)
+    return found
+
+
+def is_authority(certificate: x509.Certificate) -> bool:
+    """Return whether a certificate is that of an authority, not of an application."""
+    constraints = _extension(certificate, x509.BasicConstraints)
+    return constraints is not None and constraints.ca
+
+
 def _own_fault(certificate: x509.Certificate, now: datetime) -> CertificateFault | None:
     """Return what is wrong with an application's certificate as such."""
+    return _weakness(certificate) or _outside_its_time(certificate, now) or _misuse(certificate)
+
+
+def _weakness(certificate: x509.Certificate) -> CertificateFault | None:
     key = certificate.public_key()
     strong = isinstance(key, rsa.RSAPublicKey) and key.key_size in KEY_BITS_ALLOWED
-    if not strong or isinstance(certificate.signature_hash_algorithm, _WEAK):
-        return CertificateFault.POLICY
-    if not _valid_at(certificate, now):
-        return CertificateFault.TIME
+    weak = not strong or isinstance(certificate.signature_hash_algorithm, _WEAK)
+    return CertificateFault.POLICY if weak else None
+
+
+def _outside_its_time(certificate: x509.Certificate, now: datetime) -> CertificateFault | None:
+    return None if _valid_at(certificate, now) else CertificateFault.TIME
+
+
+def _misuse(certificate: x509.Certificate) -> CertificateFault | None:
     usage, purposes = _extension(certificate, x509.KeyUsage), _extension(certificate, x509.ExtendedKeyUsage)
     signs = usage is None or (usage.digital_signature and (usage.key_encipherment or usage.data_encipherment))
     if not signs or (purposes is not None and ExtendedKeyUsageOID.CLIENT_AUTH not in purposes):

@@ -1,5 +1,6 @@
 """The trust list: certificates that are let in, authorities and what they took back, and who was turned away."""
 
+import contextlib
 import logging
 import os
 from dataclasses import dataclass
@@ -9,8 +10,9 @@ from pathlib import Path
 from cryptography import x509
 from cryptography.hazmat.primitives import serialization
 
+from library.private_files import make_private
 from opcua_skill.security.certificates import load_certificate, thumbprint
-from opcua_skill.security.chains import LONGEST_CHAIN, CertificateFault, Known, fault
+from opcua_skill.security.chains import LONGEST_CHAIN, CertificateFault, Known, fault, remaining_faults
 
 log = logging.getLogger(__name__)
 MAX_REJECTED = 100
@@ -26,6 +28,8 @@ class ListedCertificate:
     subject: str
     application_uri: str
     valid_until: datetime
+    refused_for: tuple[CertificateFault, ...] = ()
+    """Why it is refused although it is trusted (of an authority: its clients); empty if it is let in."""
 
 
 class TrustList:
@@ -34,29 +38,42 @@ class TrustList:
     ``trusted/certs`` holds clients and authorities that are trusted, ``issuers/certs`` authorities that merely complete
     a chain, ``trusted/crl`` and ``issuers/crl`` the authorities' revocation lists, ``rejected/`` the clients turned
     away, the newest MAX_REJECTED of them. The folders are read at every sign-in, so a change takes effect without a
-    restart. Certificates that lie in ``trusted/`` itself count as well.
+    restart. Certificates that lie in ``trusted/`` itself count as well. Folders are made unless ``make`` is False.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, *, make: bool = True) -> None:
         self.trusted_folder = folder / "trusted" / "certs"
         self.issuers_folder = folder / "issuers" / "certs"
         self.rejected_folder = folder / "rejected"
         self._lists = (folder / "trusted" / "crl", folder / "issuers" / "crl")
         self._trusted = (self.trusted_folder, folder / "trusted")
-        for place in (folder, *self._trusted, self.issuers_folder, self.rejected_folder, *self._lists):
-            place.mkdir(parents=True, exist_ok=True, mode=0o700)
+        if make:
+            for place in (folder, *self._trusted, self.issuers_folder, self.rejected_folder, *self._lists):
+                make_private(place)
 
     def fault(self, certificate: x509.Certificate, sent_along: bytes = b"") -> CertificateFault | None:
         """Return why a client's certificate is refused, None for one that is good; see chains.fault.
 
         ``sent_along`` are the certificates (DER, one after the other) of authorities that the client itself names.
         """
-        known = Known(
+        return fault(certificate, self._known(), datetime.now(UTC), _split(sent_along))
+
+    def stamp(self) -> tuple[tuple[str, int, int], ...]:
+        """Return what changes whenever a file of the folders is added, removed or replaced."""
+        found = []
+        for folder in (*self._trusted, self.issuers_folder, *self._lists):
+            for entry in os.scandir(folder) if folder.is_dir() else ():
+                with contextlib.suppress(FileNotFoundError):
+                    told = entry.stat()
+                    found.append((entry.path, told.st_mtime_ns, told.st_size))
+        return tuple(sorted(found))
+
+    def _known(self) -> Known:
+        return Known(
             trusted=[one for folder in self._trusted for one, _ in _certificates(folder)],
             issuers=[one for one, _ in _certificates(self.issuers_folder)],
             lists=[one for folder in self._lists for one in _revocation_lists(folder)],
         )
-        return fault(certificate, known, datetime.now(UTC), _split(sent_along))
 
     def is_trusted(self, certificate: x509.Certificate) -> bool:
         """Return whether exactly this certificate is trusted by itself, whatever its file is called."""
@@ -75,7 +92,7 @@ class TrustList:
         name = _file_name(certificate)
         _replace(self.trusted_folder / name, certificate.public_bytes(serialization.Encoding.DER))
         (self.rejected_folder / name).unlink(missing_ok=True)
-        return _listed(self.trusted_folder / name, certificate, trusted=True)
+        return self._listed(self.trusted_folder / name, certificate, trusted=True)
 
     def trust_rejected(self, start_of_thumbprint: str) -> ListedCertificate:
         """Let a certificate that was turned away in, named by (the start of) its thumbprint."""
@@ -85,14 +102,18 @@ class TrustList:
             raise ValueError(f"{len(found)} rejected certificates have a thumbprint that starts with {wanted!r}")
         return self.trust_certificate(found[0])
 
-    def distrust(self, start_of_thumbprint: str) -> None:
-        """Turn a certificate that was let in away from now on."""
-        wanted = start_of_thumbprint.lower()
+    def distrust(self, start_of_thumbprint: str) -> ListedCertificate:
+        """Turn a certificate that was let in away from now on, named by (the start of) its thumbprint."""
+        wanted = start_of_thumbprint.lower().replace(" ", "").replace(":", "")
         known = [found for folder in self._trusted for found in _certificates(folder)]
         found = [(c, f) for c, f in known if wanted and thumbprint(c).startswith(wanted)]
-        if len(found) != 1:
+        if len({thumbprint(c) for c, _ in found}) != 1:
             raise ValueError(f"{len(found)} trusted certificates have a thumbprint that starts with {wanted!r}")
-        found[0][1].unlink()
+        gone, file = found[0]
+        listed = self._listed(file, gone, trusted=False)
+        for _, same in [(c, f) for c, f in known if c == gone]:
+            same.unlink()
+        return listed
 
     def reject(self, certificate: x509.Certificate) -> None:
         """Keep a certificate that was turned away, and forget the oldest when there are too many."""
@@ -104,10 +125,21 @@ class TrustList:
     def listed(self) -> list[ListedCertificate]:
         """Return all certificates, the trusted ones first."""
         return [
-            _listed(file, certificate, trusted=folder in self._trusted)
+            self._listed(file, certificate, trusted=folder in self._trusted)
             for folder in (*self._trusted, self.rejected_folder)
             for certificate, file in _certificates(folder)
         ]
+
+    def _listed(self, file: Path, certificate: x509.Certificate, *, trusted: bool) -> ListedCertificate:
+        return ListedCertificate(
+            file=file,
+            trusted=trusted,
+            thumbprint=thumbprint(certificate),
+            subject=certificate.subject.rfc4514_string(),
+            application_uri=application_uri(certificate),
+            valid_until=certificate.not_valid_after_utc.astimezone(UTC),
+            refused_for=tuple(remaining_faults(certificate, self._known(), datetime.now(UTC))) if trusted else (),
+        )
 
 
 def application_uri(certificate: x509.Certificate) -> str:
@@ -123,20 +155,9 @@ def _file_name(certificate: x509.Certificate) -> str:
     return f"{thumbprint(certificate)}.der"
 
 
-def _listed(file: Path, certificate: x509.Certificate, *, trusted: bool) -> ListedCertificate:
-    return ListedCertificate(
-        file=file,
-        trusted=trusted,
-        thumbprint=thumbprint(certificate),
-        subject=certificate.subject.rfc4514_string(),
-        application_uri=application_uri(certificate),
-        valid_until=certificate.not_valid_after_utc.astimezone(UTC),
-    )
-
-
 def _certificates(folder: Path) -> list[tuple[x509.Certificate, Path]]:
     found = []
-    for file in sorted(folder.iterdir()):
+    for file in sorted(folder.iterdir()) if folder.is_dir() else ():
         if file.suffix.lower() not in {".der", ".pem", ".crt", ".cer"} or file.name.startswith("."):
             continue
         try:
@@ -148,7 +169,7 @@ def _certificates(folder: Path) -> list[tuple[x509.Certificate, Path]]:
 
 def _revocation_lists(folder: Path) -> list[x509.CertificateRevocationList]:
     found = []
-    for file in sorted(folder.iterdir()):
+    for file in sorted(folder.iterdir()) if folder.is_dir() else ():
         if file.suffix.lower() not in {".crl", ".der", ".pem"} or file.name.startswith("."):
             continue
         content = file.read_bytes()

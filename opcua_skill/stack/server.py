@@ -29,7 +29,7 @@ from opcua_skill.stack.discovery import Registration
 from opcua_skill.stack.events import call_event, deliver
 from opcua_skill.stack.internal import SkillInternalServer
 from opcua_skill.stack.limits import Limits
-from opcua_skill.stack.transport import Acceptor
+from opcua_skill.stack.transport import Acceptor, ReservedPort
 
 log = logging.getLogger(__name__)
 ASYNCUA_VERSION = "2.1.0"
@@ -150,8 +150,11 @@ class SkillServer(Server):
         now, release = datetime.now(UTC), product_version()
         await self.set_build_info(self.product_uri, self.manufacturer_name, self.name, release, release, now)
 
-    async def start(self) -> None:
-        """Open the endpoint. Insecure settings are said in the log before the first client can connect."""
+    async def start(self, reserved: ReservedPort | None = None) -> None:
+        """Open the endpoint, on a port that was reserved if one was.
+
+        Insecure settings are said in the log before the first client can connect.
+        """
         for words in self.insecure:
             log.warning("insecure by configuration: %s", words)
         await self._setup_server_nodes()
@@ -159,6 +162,7 @@ class SkillServer(Server):
         host, port = self._get_bind_socket_info()
         try:
             self.bserver = Acceptor(self.iserver, host or "", port or 0, self.limits)
+            self.bserver.reserved = reserved
             self.bserver.set_policies(self._policies)
             await self.bserver.start()
         except BaseException:

@@ -5,6 +5,7 @@ import contextlib
 import logging
 import secrets
 import time
+from collections.abc import Callable
 from enum import IntEnum
 from typing import TYPE_CHECKING, Any
 
@@ -235,6 +236,30 @@ class Connection(OPCUAProtocol):
         return 0
 
 
+class ReservedPort:
+    """A port that is bound, so that nobody else listens on it, and on which nobody is let in yet."""
+
+    def __init__(self) -> None:
+        self.make_protocol: Callable[[], OPCUAProtocol] | None = None
+        self.server: asyncio.Server
+
+    @classmethod
+    async def take(cls, hostname: str, port: int) -> "ReservedPort":
+        """Bind the port; raises OSError when somebody has it."""
+        reserved = cls()
+        loop = asyncio.get_running_loop()
+        reserved.server = await loop.create_server(reserved._protocol, hostname, port, start_serving=False)
+        return reserved
+
+    def close(self) -> None:
+        """Give the port back."""
+        self.server.close()
+
+    def _protocol(self) -> OPCUAProtocol:
+        assert self.make_protocol is not None
+        return self.make_protocol()
+
+
 class Acceptor(BinaryServer):
     """Accepts connections, keeps their number in bounds, and closes those that do not behave."""
 
@@ -245,6 +270,7 @@ class Acceptor(BinaryServer):
         super().__init__(internal_server, hostname, port, limits)
         self.stack_limits = internal_server.limits
         self.unfinished_bytes = 0
+        self.reserved: ReservedPort | None = None
         self._reaper: asyncio.Task[None] | None = None
 
     def _make_protocol(self) -> OPCUAProtocol:
@@ -274,8 +300,14 @@ class Acceptor(BinaryServer):
         return True
 
     async def start(self) -> None:
-        """Listen."""
-        await super().start()
+        """Listen, on the port that was reserved if one was."""
+        reserved = self.reserved or await ReservedPort.take(self.hostname, self.port)
+        reserved.make_protocol = self._make_protocol
+        self._server = reserved.server
+        if self.port == 0 and len(reserved.server.sockets) == 1:
+            self.hostname, self.port = reserved.server.sockets[0].getsockname()[:2]
+        await reserved.server.start_serving()
+        self.cleanup_task = asyncio.create_task(self._close_task_loop())
         self._reaper = asyncio.create_task(self._reap())
 
     async def _reap(self) -> None:

@@ -20,8 +20,8 @@ LIBRARY = {
     "this client's certificate names another application": "das Zertifikat dieses Panels nennt eine andere Anwendung",
     "the server has no session left": "der Server hat keine Sitzung mehr frei",
     "the server has no connection left": "der Server hat keine Verbindung mehr frei",
-    "{t}; on the server: opcua-skill certificates trust {file}": (
-        "{t}; auf dem Server: opcua-skill certificates trust {file}"
+    "{t}; on the server, whose data folder is DIR: opcua-skill certificates trust {file} --data DIR": (
+        "{t}; auf dem Server, dessen Datenordner DIR ist: opcua-skill certificates trust {file} --data DIR"
     ),
     "no OPC UA server answers at {url}: is it running? ({x})": (
         "kein OPC-UA-Server antwortet unter {url}: läuft er? ({x})"
