@@ -13,7 +13,7 @@ from pydantic import Field, JsonValue, model_validator
 from library.errors import InvalidValue
 from library.lifecycle import JobState, VersionState
 from library.recipe import Recipe
-from library.records import AuditEntry, Failure, JobKind, JobMode, JobReport
+from library.records import AuditEntry, Cause, Failure, JobKind, JobMode, JobReport, StationRecord
 from library.values import Moment, Name, Text, Value
 from models.demonstration import Floats
 from models.errors import SkillError
@@ -21,6 +21,7 @@ from models.motion import Clock, CovarianceRule, Motion
 
 __all__ = [
     "AuditEntry",
+    "Cause",
     "Decision",
     "DescribedVerdict",
     "Failure",
@@ -34,6 +35,7 @@ __all__ = [
     "RecordingReference",
     "SkillDescription",
     "SkillSummary",
+    "StationRecord",
     "VersionState",
     "description_schema",
     "model_digest",

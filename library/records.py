@@ -40,6 +40,21 @@ class Failure(StrEnum):
     INTERNAL = "Internal"
 
 
+class Cause(StrEnum):
+    """Why a job did not go as asked, or why a workstation's queue is held: what happened, not who is at fault."""
+
+    NONE = ""
+    ABORTED = "Aborted"
+    STOPPED = "Stopped"
+    PROTECTIVE_STOP = "ProtectiveStop"
+    FAILED = "Failed"
+    ARM_LOST = "ArmLost"
+    UNASKED_STOP = "UnaskedStop"
+    UNASKED_PAUSE = "UnaskedPause"
+    UNFINISHED_AT_START = "UnfinishedAtStart"
+    REQUESTED = "Requested"
+
+
 JobKind = Literal["Learning", "Execution"]
 JobMode = Literal["", "simulation", "test", "production"]
 RmsAndMaximum = Annotated[tuple[float, float], Field(min_length=2, max_length=2)]
@@ -50,6 +65,11 @@ class JobReport(Value):
 
     ``samples`` is the number of time steps commanded, ``start_time`` when it began to run, ``end_time`` when it ended.
     ``plan_digest`` is the SHA-256 in hex of the motion plan that was checked and is what runs; empty: there is none.
+
+    ``cause`` says what ended or paused it when nobody asked for that, or who asked did. ``path_phase`` (0..1) and
+    ``place`` (m along the path) say where on the path that was, None off it; ``slowed_to`` is the least speed in m/s
+    the path was slowed to, 0 if it was not. ``held_queue``: its end held the queue. The run stood still from each of
+    ``paused_from`` until the one of ``paused_until`` in the same place; the last may still be open.
     """
 
     job_id: Name
@@ -71,6 +91,26 @@ class JobReport(Value):
     tracking_error: RmsAndMaximum = (0.0, 0.0)
     samples: int = Field(default=0, ge=0)
     plan_digest: str = Field(default="", pattern="^([0-9a-f]{64})?$")
+    cause: Cause = Cause.NONE
+    path_phase: float | None = None
+    place: float | None = None
+    slowed_to: float = Field(default=0.0, ge=0.0)
+    held_queue: bool = False
+    paused_from: tuple[Moment, ...] = ()
+    paused_until: tuple[Moment, ...] = ()
+
+
+class StationRecord(Value):
+    """What is remembered of a workstation over a restart: whether its queue is held and why, and its speed override.
+
+    ``held_because`` is empty while the queue is released; then ``held_by`` is who released it, ``held_since`` when.
+    """
+
+    workstation: Name
+    held_because: Cause = Cause.NONE
+    held_by: Text = ""
+    held_since: Moment = Field(default_factory=now)
+    speed_override: float = Field(default=1.0, gt=0.0, le=1.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -14,6 +14,7 @@ from library.description import (
     Recipe,
     SkillDescription,
     SkillSummary,
+    StationRecord,
     VersionState,
 )
 from library.records import JobTrace, User
@@ -24,6 +25,7 @@ from library.rows import learned as learned_rows
 from library.rows import recipes as recipe_rows
 from library.rows import recordings as recording_rows
 from library.rows import search
+from library.rows import stations as station_rows
 from library.rows import users as user_rows
 from library.rows import versions as version_rows
 from library.rows.encoding import unpack_aligned, unpack_recording
@@ -269,6 +271,14 @@ class SkillLibrary:
     async def interrupt_unfinished(self) -> list[JobReport]:
         """Fail, as Interrupted, every job that has not ended: for a server that starts, when nobody works on them."""
         return await self._database.write(job_rows.interrupt_unfinished)
+
+    async def station(self, workstation: str) -> StationRecord:
+        """Return what is remembered of a workstation."""
+        return await self._database.read(lambda connection: station_rows.read(connection, workstation))
+
+    async def change_station(self, workstation: str, **fields: Any) -> StationRecord:
+        """Change what is remembered of a workstation and return what it is now."""
+        return await self._database.write(lambda connection: station_rows.change(connection, workstation, fields))
 
     async def save_trace(self, job_id: str, trace: JobTrace) -> None:
         """Store what a job commanded and measured; a job has one trace."""

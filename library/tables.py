@@ -195,6 +195,16 @@ jobs = Table(
     sqlite_autoincrement=True,
 )
 
+stations = Table(
+    "stations",
+    metadata,
+    Column("workstation", name(), primary_key=True),
+    Column("held_because", String(32), nullable=False),
+    Column("held_by", sql.Text, nullable=False),
+    Column("held_since", Moment, nullable=False),
+    Column("speed_override", Real, nullable=False),
+)
+
 traces = Table(
     "traces",
     metadata,

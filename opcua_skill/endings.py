@@ -3,13 +3,13 @@
 import asyncio
 import contextlib
 import logging
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
 import numpy as np
 
-from library.description import Failure, JobReport, JobState
+from library.description import Cause, Failure, JobReport, JobState
 from library.errors import LibraryUnusable
 from library.lifecycle import FINAL_JOB_STATES
 from library.records import JobTrace
@@ -26,12 +26,14 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class End:
-    """How a job ended; the arm is at rest."""
+    """How a job ended; the arm is at rest. ``by_arm``: the arm's own side ended it."""
 
     state: JobState
     failure: Failure
     message: str
     trace: Trace | None = None
+    cause: Cause = Cause.NONE
+    by_arm: bool = False
 
 
 class Endings:
@@ -49,9 +51,12 @@ class Endings:
         self._moves = moves
         self._closing = closing
 
-    async def write(self, job_id: str, end: End, progress: Callable[[], float]) -> None:
+    async def write(
+        self, job_id: str, end: End, progress: Callable[[], float], fields: Mapping[str, object] | None = None
+    ) -> None:
         """Write trace and state, then tell; a full or locked disk must not lose them, nor the next job run meanwhile.
 
+        ``fields`` are further ones of the report.
         Until then the job stays as it was, because nothing is told that is not written. A trace that cannot be stored
         for long is given up, and its job says so. A server that stops does not wait: its next start marks the job.
         """
@@ -63,7 +68,7 @@ class Endings:
                     await self._save(job_id, end.trace)
                     stored = True
                 async with self._moves:
-                    await self._write_state(job_id, end, stored, progress())
+                    await self._write_state(job_id, end, stored, progress(), fields or {})
                 return
             except LibraryUnusable as unusable:
                 _log.warning("the end of job %s is not written yet: %s", job_id, unusable)
@@ -83,20 +88,23 @@ class Endings:
         )
         await self._library.save_trace(job_id, stored)
 
-    async def _write_state(self, job_id: str, end: End, trace_stored: bool, progress: float) -> None:
+    async def _write_state(
+        self, job_id: str, end: End, trace_stored: bool, progress: float, more: Mapping[str, object]
+    ) -> None:
         report = await self._library.job(job_id)
         if report.state in FINAL_JOB_STATES:
             return
         if end.state is JobState.ABORTED and report.state in {JobState.RUNNING, JobState.PAUSED}:
             await self._tell(await self._library.move_job(job_id, JobState.STOPPING))
-        fields = {} if end.trace is None else {"tracking_error": end.trace.tracking_error()}
+        fields = {"end_time": datetime.now(UTC), "cause": end.cause, **more}
+        if end.trace is not None:
+            fields["tracking_error"] = end.trace.tracking_error()
         lost = "" if trace_stored else "its trace could not be stored"
         report = await self._library.move_job(
             job_id,
             end.state,
             failure=end.failure,
             message="; ".join(words for words in (end.message, lost) if words)[:4000],
-            end_time=datetime.now(UTC),
             progress=1.0 if end.state is JobState.COMPLETED else progress,
             **fields,
         )

@@ -11,10 +11,11 @@ from urllib.parse import urlsplit
 from asyncua import ua
 
 from library.description import AuditEntry, JobReport, SkillDescription
-from library.errors import Damaged
+from library.errors import Damaged, LibraryUnusable
 from library.private_files import make_private
 from library.store import SkillLibrary
 from opcua_skill.arm_lock import ArmLock, LockedByAnother
+from opcua_skill.arm_queue import QueueStatus
 from opcua_skill.data_lock import DataLock, database_file
 from opcua_skill.first_look import check_library_is_there, check_users, tell_loose
 from opcua_skill.health import Health
@@ -23,6 +24,7 @@ from opcua_skill.methods.audit import AuditMethods
 from opcua_skill.methods.edits import EditMethods
 from opcua_skill.methods.homing import HomingMethods
 from opcua_skill.methods.library import LibraryMethods
+from opcua_skill.methods.queue import QueueMethods
 from opcua_skill.methods.recorder import RecorderMethods
 from opcua_skill.methods.refusals import Code
 from opcua_skill.methods.values import audit_value
@@ -31,6 +33,7 @@ from opcua_skill.nodes.audit import add_audit
 from opcua_skill.nodes.edits import add_edits
 from opcua_skill.nodes.homing import add_homing
 from opcua_skill.nodes.library import add_library
+from opcua_skill.nodes.queue import add_queue
 from opcua_skill.nodes.recorder import RecorderNodes, add_recorder
 from opcua_skill.nodes.skills import SkillNodes
 from opcua_skill.nodes.tree import Tree, number, numbers, text
@@ -164,7 +167,13 @@ class SkillServerApp:
         await add_types(self._tree)
         self._tidings = Tidings(self._tree)
         self.jobs = JobEngine(
-            self.library, settings, self._models, self._arm_factory, self._job_changed, self._tidings.version_changed
+            self.library,
+            settings,
+            self._models,
+            self._arm_factory,
+            self._job_changed,
+            self._tidings.version_changed,
+            self._queue_changed,
         )
         methods = LibraryMethods(self.library, self.jobs, settings, self._tidings)
         self._methods = methods
@@ -196,6 +205,7 @@ class SkillServerApp:
         methods = WorkstationMethods(self.library, self.jobs, station, lock, self.settings, self._tidings, lock_changed)
         skills = await add_workstation(self._tree, settings, station.model, methods)
         await add_homing(self._tree, name, HomingMethods(self.jobs, station, lock))
+        await add_queue(self._tree, name, QueueMethods(station, lock))
         await self._show_deployed(name, skills)
         recording = RecorderMethods(name, self._methods, self.settings.limits, self.server.iserver.is_connected)
         recorder = await add_recorder(self._tree, recording)
@@ -210,9 +220,11 @@ class SkillServerApp:
                 reason = f"SpeedOverride is {value}: it has to be {LOWEST_OVERRIDE} to 1; to stand still, pause the job"
                 raise Refused(Code.BadOutOfRange, reason)
             try:
-                await station.arm.set_override(value)
+                await station.set_override(value)
             except ArmError as refused:
                 raise Refused(Code.BadInvalidState, refused.text) from refused
+            except LibraryUnusable as unusable:
+                raise Refused(Code.BadResourceUnavailable, str(unusable)) from unusable
 
         self.server.obey_writes(self._tree.id(f"Machines/{name}/Arm/SpeedOverride"), set_override)
 
@@ -277,9 +289,15 @@ class SkillServerApp:
             )
         )
 
+    async def _queue_changed(self, workstation: str, status: QueueStatus) -> None:
+        if workstation in self._faces:
+            await self._tidings.queue_changed(workstation, status)
+
     async def _job_changed(self, report: JobReport) -> None:
         face = self._faces.get(report.workstation)
         if face is not None:
+            # First the arm: whoever is told how a job ended must not read what the arm was before.
+            await self._show_arm(report.workstation, face)
             await face.skills.job_changed(report)
         await self._tidings.job_changed(report)
 

@@ -8,12 +8,24 @@ from asyncua.common.event_objects import BaseEvent
 from asyncua.common.events import Event
 
 from library.description import Failure, JobReport, JobState, SkillDescription
-from opcua_skill.nodes.tree import Tree
+from opcua_skill.arm_queue import QueueStatus
+from opcua_skill.nodes.tree import Tree, count, text
 from opcua_skill.nodes.types import EVENT_TYPES, FAILURE_NUMBERS
 
 FIELDS = {name: dict(fields) for name, _, fields in EVENT_TYPES}
 SEVERITY = {JobState.FAILED: 700, JobState.ABORTED: 500}
 Listener = Callable[..., Awaitable[None]]
+
+
+def queue_values(status: QueueStatus) -> dict[str, ua.Variant]:
+    """Return what the nodes show, and what an event about the queue says."""
+    return {
+        "State": text(status.state),
+        "HeldBecause": text(status.because.value),
+        "HeldBy": text(status.by),
+        "HeldSince": ua.Variant(status.since, ua.VariantType.DateTime),
+        "Waiting": count(status.waiting),
+    }
 
 
 class Tidings:
@@ -97,6 +109,22 @@ class Tidings:
         )
         if report.kind == "Learning" and report.state in {JobState.COMPLETED, JobState.FAILED, JobState.ABORTED}:
             await self._raise(path, "LearningFinishedEventType", message, severity, **common)
+
+    async def queue_changed(self, workstation: str, status: QueueStatus) -> None:
+        """A queue was held or released, or another number of jobs waits: first the nodes, then the event."""
+        for name, value in queue_values(status).items():
+            path = f"Machines/{workstation}/Queue/{name}"
+            if self._tree.value(path) != value.Value:
+                await self._tree.write(path, value)
+        why = f" because of {status.because.value}" if status.held else ""
+        await self._raise(
+            f"Machines/{workstation}",
+            "QueueEventType",
+            f"the queue of {workstation} is {status.state}{why}, by {status.by or 'server'}: {status.waiting} waiting",
+            600 if status.held else 200,
+            Workstation=workstation,
+            **{name: value.Value for name, value in queue_values(status).items()},
+        )
 
     async def protective_stop(self, workstation: str, reason: str, actor: str) -> None:
         """An arm was stopped."""

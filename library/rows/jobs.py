@@ -9,8 +9,8 @@ import sqlalchemy as sql
 from library.errors import AlreadyExists, InvalidValue, NotFound
 from library.lifecycle import FINAL_JOB_STATES, JobState, check_job_move
 from library.recipe import Recipe
-from library.records import Failure, JobReport, JobTrace
-from library.rows import recipes
+from library.records import Cause, Failure, JobReport, JobTrace
+from library.rows import recipes, stations
 from library.rows.encoding import pack, stored, to_text, unpack
 from library.tables import jobs, traces
 from library.values import now
@@ -27,6 +27,12 @@ _MAY_CHANGE = frozenset(
         "path_error",
         "tracking_error",
         "samples",
+        "cause",
+        "path_phase",
+        "place",
+        "held_queue",
+        "paused_from",
+        "paused_until",
     }
 )
 
@@ -80,13 +86,20 @@ def move(connection: sql.Connection, job_id: str, to: JobState, changes: dict[st
         automatic["end_time"] = now()
     if to is JobState.COMPLETED:
         automatic["progress"] = 1.0
-    after = JobReport(**{**before.model_dump(), **automatic, **changes})
+    after = _in_order(JobReport(**{**before.model_dump(), **automatic, **changes}))
     connection.execute(
         jobs.update()
         .where(jobs.c.job_id == job_id)
         .values(state=to.value, progress=after.progress, report=after.to_json())
     )
     return after
+
+
+def _in_order(report: JobReport) -> JobReport:
+    """Return the report with an end that is not before its start, whatever was done to the clock meanwhile."""
+    if report.start_time is None or report.end_time is None or report.end_time >= report.start_time:
+        return report
+    return report.model_copy(update={"end_time": report.start_time})
 
 
 def set_progress(connection: sql.Connection, job_id: str, progress: float) -> None:
@@ -115,9 +128,14 @@ def newest(connection: sql.Connection, state: str, workstation: str, limit: int)
 
 
 def interrupt_unfinished(connection: sql.Connection) -> list[JobReport]:
-    """Fail every job that has not ended, because nobody works on it any more; return them, the oldest first."""
+    """Fail every job that has not ended, because nobody works on it any more; return them, the oldest first.
+
+    In the same transaction the queues of the arms they were for are held: a person has to look before anything moves.
+    """
     query = sql.select(jobs).where(jobs.c.state.not_in(FINAL_JOB_STATES)).order_by(jobs.c.number)
     found = [_report(row) for row in connection.execute(query)]
+    for workstation in {one.workstation for one in found if moves_an_arm(one)}:
+        stations.hold(connection, workstation, Cause.UNFINISHED_AT_START, "server")
     return [
         move(
             connection,
@@ -125,11 +143,18 @@ def interrupt_unfinished(connection: sql.Connection) -> list[JobReport]:
             JobState.FAILED,
             {
                 "failure": Failure.INTERRUPTED,
+                "cause": Cause.UNFINISHED_AT_START,
+                "held_queue": moves_an_arm(report),
                 "message": f"the server stopped while the job was {report.state.value}: start it again if wanted",
             },
         )
         for report in found
     ]
+
+
+def moves_an_arm(report: JobReport) -> bool:
+    """Return whether a job is one that moves an arm, not a simulation beside it and not learning."""
+    return report.kind == "Execution" and report.mode != "simulation" and bool(report.workstation)
 
 
 def pack_trace(job_id: str, trace: JobTrace) -> dict[str, Any]:

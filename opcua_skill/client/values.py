@@ -184,7 +184,13 @@ class Started:
 
 @dataclass(frozen=True, slots=True)
 class JobReport:
-    """A learning or execution job. ``path_error``, ``tracking_error``: RMS and maximum, m; ``samples``: steps."""
+    """A learning or execution job. ``path_error``, ``tracking_error``: RMS and maximum, m; ``samples``: steps.
+
+    ``cause`` says in one word what ended or paused it, empty when all is well. ``path_phase`` (0..1) and ``place`` (m
+    along the path) say where on the path it is or ended, NaN off it; ``slowed_to`` is the least speed in m/s the path
+    was slowed to, 0 if it was not. ``held_queue``: its end held the queue, or it waits in a held one. The run stood
+    still from each of ``paused_from`` until its partner in ``paused_until``.
+    """
 
     job_id: str
     kind: str
@@ -201,11 +207,38 @@ class JobReport:
     path_error: tuple[float, float]
     tracking_error: tuple[float, float]
     samples: int
+    cause: str = ""
+    path_phase: float = float("nan")
+    place: float = float("nan")
+    plan_digest: str = ""
+    slowed_to: float = 0.0
+    held_queue: bool = False
+    paused_from: tuple[datetime, ...] = ()
+    paused_until: tuple[datetime, ...] = ()
 
     @property
     def ended(self) -> bool:
         """Whether nothing more will happen to this job."""
         return self.state in ENDED
+
+
+@dataclass(frozen=True, slots=True)
+class QueueStatus:
+    """Whether the next job of an arm may begin: ``state`` is Released or Held, ``because`` one word, empty: released.
+
+    ``by`` held or released it last: a user, `arm` or `server`; ``waiting`` jobs wait.
+    """
+
+    state: str
+    because: str
+    by: str
+    since: datetime | None
+    waiting: int
+
+    @property
+    def held(self) -> bool:
+        """Whether no further job begins until somebody releases the queue."""
+        return self.state == "Held"
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -68,6 +68,11 @@ def moment(value: Any) -> datetime | None:
     return aware if aware.year > OPC_UA_EPOCH.year else None
 
 
+def moments(values: Any) -> tuple[datetime, ...]:
+    """Return the DateTimes of an array, all of them real ones."""
+    return tuple(one for one in map(moment, values or ()) if one is not None)
+
+
 def demonstration_out(structures: Structures, value: Demonstration) -> Any:
     """Return a `DemonstrationDataType`, or a `PoseDemonstrationDataType` where the tool's orientation was recorded.
 
@@ -210,6 +215,14 @@ def job_in(value: Any) -> JobReport:
         path_error=pair(value.PathError),
         tracking_error=pair(value.TrackingError),
         samples=int(value.Samples),
+        cause=value.Cause or "",
+        path_phase=float(value.PathPhase),
+        place=float(value.Place),
+        plan_digest=value.PlanDigest or "",
+        slowed_to=float(value.SlowedTo),
+        held_queue=bool(value.HeldQueue),
+        paused_from=moments(value.PausedFrom),
+        paused_until=moments(value.PausedUntil),
     )
 
 

@@ -8,7 +8,7 @@ from models.demonstration import Floats
 from opcua_skill.client import wire
 from opcua_skill.client.recorder import Recorder
 from opcua_skill.client.session import Session
-from opcua_skill.client.values import MODES, ArmLinks, JobReport, JobTrace, JointTrace, Mode, Started
+from opcua_skill.client.values import MODES, ArmLinks, JobReport, JobTrace, JointTrace, Mode, QueueStatus, Started
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -141,6 +141,22 @@ class Workstation:
             *(f"{self.path}/Arm/{name}" for name in names)
         )
         return ArmReading(np.asarray(position), np.asarray(pose), float(override), bool(at_rest), mode, fault or "")
+
+    async def queue(self) -> QueueStatus:
+        """Return whether the next job here may begin, and if not, why."""
+        names = ("State", "HeldBecause", "HeldBy", "HeldSince", "Waiting")
+        state, because, by, since, waiting = await self.session.read(*(f"{self.path}/Queue/{name}" for name in names))
+        return QueueStatus(state, because or "", by or "", wire.moment(since), int(waiting))
+
+    async def release_queue(self, comment: str = "") -> str:
+        """Let the next job begin; refused while the arm does not stand ready at home. Return the queue's state."""
+        [state] = await self.session.call(f"{self.path}/Queue", "ReleaseQueue", Comment=wire.string(comment))
+        return state
+
+    async def hold_queue(self, comment: str = "") -> str:
+        """Let no further job begin until the queue is released; what runs goes on. Return the queue's state."""
+        [state] = await self.session.call(f"{self.path}/Queue", "HoldQueue", Comment=wire.string(comment))
+        return state
 
     async def protective_stop(self, comment: str = "") -> None:
         """Stop the arm as fast as its limits allow; it refuses to move until `reset`. Not an emergency stop."""

@@ -46,6 +46,7 @@ VERBS = {
     "recipes": Verb("recipes", "app", "Recipes: time step, speed, frame and heights of a run."),
     "run": Verb("jobs", "run", "Queue a run of a skill on a workstation."),
     "jobs": Verb("jobs", "app", "Jobs: look, pause, resume, abort, read the trace."),
+    "queue": Verb("queue", "app", "The queue of a workstation: look, release, hold."),
     "users": Verb("users", "app", "Users and their roles, on the data folder of a server."),
     "certificates": Verb("certificates", "app", "Certificates, on the data folder of a server."),
     "audit": Verb("audit", "audit", "Show the audit trail of a server, the newest entries first."),

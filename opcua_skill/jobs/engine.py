@@ -2,12 +2,13 @@
 
 import asyncio
 import logging
-from collections.abc import Mapping
+from collections.abc import Awaitable, Callable, Mapping
 
-from library.description import Failure, JobReport, JobState, Recipe, SkillDescription
+from library.description import JobReport, Recipe, SkillDescription
 from library.errors import LibraryUnusable
 from library.store import SkillLibrary
 from models.motion import Trajectory
+from opcua_skill.arm_queue import ArmQueue, QueueStatus
 from opcua_skill.computations import PlanRefused
 from opcua_skill.jobs.execution import ExecutionJobs, Mode
 from opcua_skill.jobs.learning import LearningJobs, LearningOutcome, LearningRequest, Tell, TellVersion
@@ -32,9 +33,11 @@ class JobEngine:
         arm_factory: ArmFactory,
         tell: Tell,
         tell_version: TellVersion,
+        tell_queue: Callable[[str, QueueStatus], Awaitable[None]] | None = None,
     ) -> None:
         self._library = library
         self._tell = tell
+        self._tell_queue = tell_queue or _told_nobody
         self._arm_factory = arm_factory
         self._planning = Planning(settings)
         self._learning = LearningJobs(library, settings, self.tell, tell_version, self.default_recipe)
@@ -44,43 +47,42 @@ class JobEngine:
 
     def _station(self, settings: Workstation, model: ArmModel) -> Station:
         name, arm = settings.name, self._arm_factory(settings.name, False)
+        queue = ArmQueue(name, self._library, self._tell_queue)
         lane = Lane(
             f"{name} arm",
             self._library,
             lambda: arm,
             self.tell,
-            keeps_arm_open=True,
             keep_trace=self._planning.keep_trace,
+            queue=queue,
+            trouble=lambda: self.stations[name].trouble(),
+            keep_override=lambda: self.stations[name].keep_override(),
             may_still_run=lambda report: self._execution.may_still_run(self.stations[name], report),
-            way_home=lambda: self._execution.way_home(self.stations[name]),
         )
         simulation = Lane(
             f"{name} simulation",
             self._library,
             lambda: self._arm_factory(name, True),
             self.tell,
-            keeps_arm_open=False,
             keep_trace=self._planning.keep_trace,
         )
-        return Station(name, model, cell_of(settings), arm, atomic_skills_of(settings, model), lane, simulation)
+        skills = atomic_skills_of(settings, model)
+        return Station(name, self._library, model, cell_of(settings), arm, skills, queue, lane, simulation)
 
     async def tell(self, report: JobReport) -> None:
         """Pass a change on; a listener's fault must not stop a job."""
-        station = self.stations.get(report.workstation)
-        ended_badly = report.state is JobState.FAILED or report.failure is Failure.PROTECTIVE_STOP
-        if station is not None and ended_badly and report.mode != "simulation" and report.start_time is not None:
-            station.stopped_unasked = True
         try:
             await self._tell(report)
         except Exception:
             _log.exception("telling of job %s failed", report.job_id)
 
     async def start(self) -> None:
-        """Fail the jobs a crash left behind, open the arms, start the lanes."""
+        """Fail the jobs a crash left behind, open the arms, start the lanes; what was left unfinished holds queues."""
         for report in await self._library.interrupt_unfinished():
             _log.warning("job %s was interrupted by the last stop", report.job_id)
         await asyncio.gather(*(station.open() for station in self.stations.values()))
         for station in self.stations.values():
+            station.queue.start()
             station.lane.start()
             station.simulation.start()
         self._warm_up = asyncio.create_task(self._warm(), name="warm up workers")
@@ -98,6 +100,7 @@ class JobEngine:
         await self._learning.stop()
         self._planning.close()
         await asyncio.gather(*(station.arm.close() for station in self.stations.values()))
+        await asyncio.gather(*(station.queue.stop() for station in self.stations.values()))
         try:
             await self._library.interrupt_unfinished()
         except LibraryUnusable as unusable:
@@ -131,3 +134,7 @@ class JobEngine:
     async def recipe_trajectory(self, description: SkillDescription, recipe: Recipe) -> Trajectory | PlanRefused:
         """Return the path in the part's frame with a recipe's timing, as the first workstation's arm would run it."""
         return await self._planning.recipe_trajectory(next(iter(self.stations.values())), description, recipe)
+
+
+async def _told_nobody(_workstation: str, _status: QueueStatus) -> None:
+    """Be told for nobody."""

@@ -1,28 +1,26 @@
 """Execution jobs: checked completely before they are queued, and run on a lane exactly as they were checked."""
 
-import logging
+import math
 from collections.abc import Awaitable, Callable, Sequence
 from datetime import UTC, datetime
 from typing import Literal
 
-from library.description import Failure, JobReport, JobState, Recipe, SkillDescription, VersionState
+from library.description import Cause, Failure, JobReport, JobState, Recipe, SkillDescription, VersionState
 from library.errors import Damaged
 from library.store import SkillLibrary
 from opcua_skill.computations import PlanRefused
 from opcua_skill.jobs.ids import new_job_id
 from opcua_skill.jobs.planning import Planning
 from opcua_skill.jobs.reasons import LacksAtomicSkill, MotionNotPossible, NotExecutable, QueueFull
-from opcua_skill.jobs.station import Station, ready_to_move
-from opcua_skill.lane import Lane, NotAnyMore, Order
+from opcua_skill.jobs.station import Station
+from opcua_skill.lane import Lane, NotAnyMore
+from opcua_skill.run import Order, slowed_to
 from opcua_skill.settings import Settings
-from sim.arm import StartRefused
-from sim.plan import Finding, MotionPlan
+from sim.plan import Finding
 
 Mode = Literal["simulation", "test", "production"]
 TEST_SPEED = 0.25
 TOLD_FINDINGS = 5
-
-_log = logging.getLogger(__name__)
 
 
 class ExecutionJobs:
@@ -43,6 +41,7 @@ class ExecutionJobs:
     async def execute(self, station: Station, skill_name: str, recipe: Recipe, mode: Mode, actor: str) -> JobReport:
         """Check a run completely, then queue it. Nothing has moved when this returns.
 
+        While the arm's queue is held, a run is taken and waits: it begins once somebody has released the queue.
         Raises QueueFull, NotExecutable, LacksAtomicSkill, MotionNotPossible, and the library's NotFound and Damaged.
         """
         lane = station.simulation if mode == "simulation" else station.lane
@@ -75,6 +74,7 @@ class ExecutionJobs:
             "samples": planned.samples,
             "plan_digest": planned.digest,
             "message": notes,
+            "slowed_to": slowed_to(planned),
         }
         report = report.model_copy(update=told)
         lane.reserve()
@@ -99,6 +99,8 @@ class ExecutionJobs:
             JobState.FAILED,
             failure=Failure(findings[0].code),
             message=_words(findings),
+            cause=Cause.FAILED,
+            path_phase=findings[0].phase if math.isfinite(findings[0].phase) else None,
             end_time=datetime.now(UTC),
         )
         await self._tell(failed)
@@ -138,23 +140,6 @@ class ExecutionJobs:
         state = (await self._library.description(name, version)).state
         if state is not VersionState.APPROVED:
             raise NotAnyMore(Failure.NOT_APPROVED, f"{name} version {version} is {state.value} by now")
-
-    async def way_home(self, station: Station) -> MotionPlan | None:
-        """Return the way to where every run starts for an arm that was aborted on its path; None: it need not go.
-
-        After a protective stop or a fault it stays where it is: then a person has to look first, and send it home.
-        Raises StartRefused when the way is not free.
-        """
-        if station.is_home:
-            station.stopped_unasked = False
-        if station.is_home or station.stopped_unasked or not ready_to_move(station.arm.state()):
-            return None
-        planned = await self._planning.plan_home(station)
-        if isinstance(planned, PlanRefused):
-            first = planned.findings[0]
-            raise StartRefused(first.code, f"the way to the start is not free: {first.text}")
-        _log.info("the arm of %s goes to the start first", station.name)
-        return planned
 
 
 def _words(findings: Sequence[Finding]) -> str:

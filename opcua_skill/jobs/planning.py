@@ -14,7 +14,7 @@ from opcua_skill.computations import (
 )
 from opcua_skill.jobs.motion_parameters import motion_order
 from opcua_skill.jobs.station import Station
-from opcua_skill.lane import Order
+from opcua_skill.run import Order
 from opcua_skill.settings import Settings
 from opcua_skill.workers import Workers
 from sim.arm import Trace

@@ -1,8 +1,6 @@
-"""Going to the start: after a stop on the path the arm goes home slowly, on request, before anything else can run."""
+"""Going to the start: after a stop on the path the arm goes home slowly, if a person asks for it and not otherwise."""
 
-import asyncio
-import logging
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from library.errors import NotAllowedInState
@@ -13,20 +11,16 @@ from opcua_skill.jobs import JobEngine, Station
 from opcua_skill.methods.refusals import Code, refusing
 from opcua_skill.stack.access import caller
 from opcua_skill.stack.calls import Refused
-from sim.arm import ArmError, ArmMode
-from sim.plan import MotionPlan
-
-_log = logging.getLogger(__name__)
+from sim.arm import ArmMode
 
 
-@dataclass
+@dataclass(frozen=True)
 class HomingMethods:
     """The handler of one arm's GoHome. A stop of any kind stops this motion too: it stops the arm."""
 
     jobs: JobEngine
     station: Station
     lock: ArmLock
-    _way: "asyncio.Task[None] | None" = field(default=None)
 
     @refusing(blame="Comment")
     async def go_home(self, comment: str) -> tuple[Any, ...]:
@@ -38,21 +32,11 @@ class HomingMethods:
         if isinstance(planned, PlanRefused):
             raise Refused(Code.BadOutOfRange, planned.findings[0].text)
         self._check_idle()
-        self._way = asyncio.create_task(self._go(planned), name=f"{self.station.name} goes home")
+        self.station.lane.go_home(planned)
         return ()
 
     def _check_idle(self) -> None:
+        self.station.lane.check_at_rest(f"the arm of {self.station.name}")
         mode = self.station.arm.state().mode
-        under_way = self._way is not None and not self._way.done()
-        if mode is not ArmMode.IDLE or under_way or self.station.lane.waiting:
-            state = "with jobs waiting" if self.station.lane.waiting else mode.value
-            raise NotAllowedInState(f"the arm of {self.station.name}", state, "it has to be idle")
-
-    async def _go(self, plan: MotionPlan) -> None:
-        try:
-            await self.station.arm.run(plan, lambda _: None)
-            _log.info("the arm of %s is home", self.station.name)
-        except ArmError as stopped:
-            _log.warning("the arm of %s did not come home: %s", self.station.name, stopped.text)
-        except Exception:
-            _log.exception("the arm of %s did not come home", self.station.name)
+        if mode is not ArmMode.IDLE:
+            raise NotAllowedInState(f"the arm of {self.station.name}", mode.value, "it has to be idle")

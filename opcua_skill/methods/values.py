@@ -14,11 +14,10 @@ from library.values import check_text
 from models.demonstration import Demonstration
 from models.learning import AlignedDemonstration, LearningOptions
 from opcua_skill.methods.refusals import Code, out_of_range
-from opcua_skill.nodes.types import FAILURE_NUMBERS
+from opcua_skill.nodes.types import FAILURE_NUMBERS, NO_TIME
 from opcua_skill.settings import Limits
 from opcua_skill.stack.calls import Refused
 
-NO_TIME = datetime(1601, 1, 1, tzinfo=UTC)
 NEEDED = 2
 UNIT_TOLERANCE = 0.01
 
@@ -283,7 +282,19 @@ def wire_report(one: JobReport) -> Any:
         PathError=list(one.path_error),
         TrackingError=list(one.tracking_error),
         Samples=one.samples,
+        Cause=one.cause.value,
+        PathPhase=_or_nan(one.path_phase),
+        Place=_or_nan(one.place),
+        PlanDigest=one.plan_digest,
+        SlowedTo=one.slowed_to,
+        HeldQueue=one.held_queue,
+        PausedFrom=list(one.paused_from),
+        PausedUntil=list(one.paused_until),
     )
+
+
+def _or_nan(value: float | None) -> float:
+    return float("nan") if value is None else value
 
 
 def audit_value(value: Any) -> Any:

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from library.description import JobState
+from library.description import JobReport, JobState
 from library.errors import NotFound
 from library.store import SkillLibrary
 from library.values import check_text
@@ -52,6 +52,10 @@ class WorkstationMethods:
         report = await self.jobs.execute(self.station.name, skill_name, chosen, word, who.name)  # type: ignore[arg-type]
         return (report.job_id, report.state.value)
 
+    @property
+    def _lanes(self) -> tuple[Lane, Lane]:
+        return self.station.lane, self.station.simulation
+
     async def _lane_of(self, job_id: str) -> Lane:
         """Return the lane that holds a job of this workstation; a job that has ended is in no lane."""
         report = await self.library.job(job_id)
@@ -80,19 +84,26 @@ class WorkstationMethods:
     async def abort_job(self, job_id: str, comment: str) -> tuple[Any, ...]:
         """Take a job out of the queue or stop its motion; it is Stopping until the arm is at rest."""
         check_text(comment, "comment", 2000)
-        report = await (await self._lane_of(job_id)).abort(job_id, comment or f"{caller().name} aborted the job")
-        return (report.state.value,)
+        lane = next((one for one in self._lanes if one.holds(job_id)), None) or await self._lane_of(job_id)
+        state = await lane.abort(job_id, comment or f"{caller().name} aborted the job", by=caller().name)
+        return (state.value,)
 
     @refusing(blame="JobId")
     async def get_job(self, job_id: str) -> tuple[Any, ...]:
         """Return the report of a job."""
-        report = await self.library.job(job_id)
-        progress = None
-        for lane in (self.station.lane, self.station.simulation):
-            progress = progress if progress is not None else lane.progress_of(job_id)
+        return (wire_report(self._as_now(await self.library.job(job_id))),)
+
+    def _as_now(self, report: JobReport) -> JobReport:
+        """Return a report with how far the run is by now, or with what keeps the job waiting."""
+        moves_the_arm = report.mode != "simulation"
+        lane = self.station.lane if moves_the_arm else self.station.simulation
+        progress = lane.progress_of(report.job_id)
         if progress is not None and report.state in {JobState.RUNNING, JobState.PAUSED, JobState.STOPPING}:
-            report = report.model_copy(update={"progress": progress})
-        return (wire_report(report),)
+            phase, place = lane.place_of(report.job_id)
+            return report.model_copy(update={"progress": progress, "path_phase": phase, "place": place})
+        if report.state is JobState.QUEUED and moves_the_arm:
+            return report.model_copy(update={"held_queue": self.station.queue.held})
+        return report
 
     @refusing(blame="State")
     async def list_jobs(self, state: str, limit: int) -> tuple[Any, ...]:
@@ -101,7 +112,7 @@ class WorkstationMethods:
             raise out_of_range("State", f"there is no state {state!r}: {', '.join(one.value for one in JobState)}")
         most = self.settings.limits.max_page
         found = await self.library.jobs(state=state, limit=min(limit or most, most), workstation=self.station.name)
-        return ([wire_report(one) for one in found],)
+        return ([wire_report(self._as_now(one)) for one in found],)
 
     @refusing(blame="JobId")
     async def get_trace(self, job_id: str) -> tuple[Any, ...]:
@@ -124,7 +135,7 @@ class WorkstationMethods:
         check_text(comment, "comment", 2000)
         because = comment or f"{caller().name} pressed the protective stop"
         try:
-            await self.station.lane.protective_stop(because)
+            await self.station.lane.protective_stop(because, caller().name)
         finally:
             await self.tidings.protective_stop(self.station.name, because, caller().name)
         return ()

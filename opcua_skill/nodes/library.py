@@ -39,10 +39,11 @@ def method(
     *,
     changes: bool = True,
     seconds: float = 30.0,
+    urgent: bool = False,
 ) -> MethodSpec:
     """Return the specification of a method, described by its handler's first line."""
     description = (handler.__doc__ or "").strip().split("\n")[0]
-    return MethodSpec(name, inputs, outputs, handler, roles, changes, description, seconds)
+    return MethodSpec(name, inputs, outputs, handler, roles, changes, description, seconds, urgent)
 
 
 def specs(tree: Tree, methods: LibraryMethods) -> tuple[MethodSpec, ...]:

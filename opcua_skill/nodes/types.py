@@ -1,6 +1,7 @@
 """Our type namespace: structures that cross the wire, object types, event types, as docs/interface.md names them."""
 
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from typing import Any
 
 from asyncua import ua
@@ -108,6 +109,7 @@ AUDIT_ENTRY = (
     Field("Status", STRING, description="name of the status code"),
     Field("Reason", STRING, description="why not, in a sentence; empty: done"),
 )
+NO_TIME = datetime(1601, 1, 1, tzinfo=UTC)
 FAILURES = tuple(failure.value for failure in Failure)
 FAILURE_NUMBERS = {failure: number for number, failure in enumerate(Failure)}
 
@@ -129,6 +131,14 @@ def _job_report(failure: ua.NodeId) -> tuple[Field, ...]:
         Field("PathError", DOUBLE, array=True, description="m: RMS and maximum, commanded against the learned path"),
         Field("TrackingError", DOUBLE, array=True, description="m: RMS and maximum, measured against commanded"),
         Field("Samples", UINT32, description="time steps commanded"),
+        Field("Cause", STRING, description="what ended, paused or refused it, as HeldBecause of a queue; empty: fine"),
+        Field("PathPhase", DOUBLE, description="0..1, where on the path; NaN off it"),
+        Field("Place", DOUBLE, description="m along the path; NaN off it"),
+        Field("PlanDigest", STRING, description="SHA-256 of the plan in hex; empty: there is none"),
+        Field("SlowedTo", DOUBLE, description="m/s, the least speed the path was slowed to; 0: it was not"),
+        Field("HeldQueue", BOOLEAN, description="its end held the queue; of one that waits: the queue is held"),
+        Field("PausedFrom", DATE_TIME, array=True, description="when the run came to stand still"),
+        Field("PausedUntil", DATE_TIME, array=True, description="when it went on; one less than PausedFrom: not yet"),
     )
 
 
@@ -144,6 +154,7 @@ OBJECT_TYPES: tuple[tuple[str, int, str], ...] = (
     ("AtomicSkillType", ObjectIds.BaseObjectType, "something equipment can do, with typed parameters"),
     ("SkillType", ObjectIds.ProgramStateMachineType, "a learned skill as deployed on a workstation"),
     ("ArmType", ObjectIds.BaseObjectType, "the state of an arm"),
+    ("QueueType", ObjectIds.BaseObjectType, "the jobs that wait for an arm, and whether the next one may begin"),
     ("RecorderType", ObjectIds.BaseObjectType, "takes what a tracker sees, and cuts it into demonstrations"),
 )
 EVENT_TYPES: tuple[tuple[str, str, tuple[tuple[str, ua.VariantType], ...]], ...] = (
@@ -193,6 +204,18 @@ EVENT_TYPES: tuple[tuple[str, str, tuple[tuple[str, ua.VariantType], ...]], ...]
             ("RecipeId", ua.VariantType.String),
             ("Workstation", ua.VariantType.String),
             ("Failure", ua.VariantType.Int32),
+        ),
+    ),
+    (
+        "QueueEventType",
+        "a workstation's queue was held or released, or has another number of jobs waiting",
+        (
+            ("Workstation", ua.VariantType.String),
+            ("State", ua.VariantType.String),
+            ("HeldBecause", ua.VariantType.String),
+            ("HeldBy", ua.VariantType.String),
+            ("HeldSince", ua.VariantType.DateTime),
+            ("Waiting", ua.VariantType.UInt32),
         ),
     ),
     (
@@ -272,6 +295,7 @@ def _zero(variant_type: ua.VariantType) -> Any:
         ua.VariantType.ByteString: b"",
         ua.VariantType.Boolean: False,
         ua.VariantType.Double: 0.0,
+        ua.VariantType.DateTime: NO_TIME,
     }.get(variant_type, 0)
 
 

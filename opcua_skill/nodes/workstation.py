@@ -37,7 +37,7 @@ def specs(tree: Tree, methods: WorkstationMethods) -> tuple[MethodSpec, ...]:
         ),
         method("PauseJob", methods.pause_job, OPERATORS, (JOB_ID, COMMENT), (STATE,)),
         method("ResumeJob", methods.resume_job, OPERATORS, (JOB_ID, COMMENT), (STATE,)),
-        method("AbortJob", methods.abort_job, OPERATORS, (JOB_ID, COMMENT), (STATE,)),
+        method("AbortJob", methods.abort_job, OPERATORS, (JOB_ID, COMMENT), (STATE,), urgent=True),
         method("GetJob", methods.get_job, READERS, (JOB_ID,), (Argument("Report", report),), changes=False),
         method(
             "ListJobs",
@@ -240,7 +240,7 @@ async def _add_arm(tree: Tree, path: str, root: ua.NodeId, model: ArmModel, meth
     )
     tree.server.restrict_writes(override, OPERATORS)  # type: ignore[attr-defined]
     for spec in (
-        method("ProtectiveStop", methods.protective_stop, OPERATORS, (COMMENT,), ()),
+        method("ProtectiveStop", methods.protective_stop, OPERATORS, (COMMENT,), (), urgent=True),
         method("Reset", methods.reset, OPERATORS, (COMMENT,), ()),
     ):
         tree.declare_method("ArmType", spec)

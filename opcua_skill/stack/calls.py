@@ -45,7 +45,8 @@ class MethodSpec:
     The handler gets one Python value for each input and returns a tuple with one for each output. A null String or
     ByteString arrives as an empty one, a null array as an empty list, a structure as an instance of its class.
     ``changes`` says that a call changes something, so that every call is recorded, not only a refused one; such a
-    call also runs to its end when the client goes away. ``time_limit`` is in seconds.
+    call also runs to its end when the client goes away. ``time_limit`` is in seconds. ``urgent``: it stops something,
+    and its answer does not wait for the record of the call.
     """
 
     name: str
@@ -56,6 +57,7 @@ class MethodSpec:
     changes: bool
     description: str = ""
     time_limit: float = 10.0
+    urgent: bool = False
 
 
 class Refused(Exception):
@@ -247,7 +249,11 @@ class CheckedMethods(MethodService):
         finally:
             _object.reset(token)
         if spec.changes:
-            await self._record(object_id, method_id, spec, given, Codes.Good, "")
+            recording = asyncio.create_task(self._record(object_id, method_id, spec, given, Codes.Good, ""))
+            self._unfinished.add(recording)
+            recording.add_done_callback(self._unfinished.discard)
+            if not spec.urgent:
+                await recording
         return result
 
     async def _refuse(

@@ -30,7 +30,10 @@ def trace(samples: int = 3, off: float = 1e-4) -> Trace:
 
 
 class ScriptedArm:
-    """Runs until ``finish`` is set; ``fault`` makes the run end with it, ``refusal`` keeps it from starting."""
+    """Runs until ``finish`` is set; ``fault`` makes the run end with it, ``refusal`` keeps it from starting.
+
+    A run that was asked for begins once ``begins`` is set, which it is unless a test clears it.
+    """
 
     def __init__(self) -> None:
         self.model: ArmModel = load("panda")
@@ -43,6 +46,8 @@ class ScriptedArm:
         self.fault: ArmFault | None = None
         self.refusal: StartRefused | None = None
         self.silent = ""
+        self.asked, self.begins = asyncio.Event(), asyncio.Event()
+        self.begins.set()
         self._stop_because = ""
 
     def be_silent(self, because: str) -> None:
@@ -64,7 +69,10 @@ class ScriptedArm:
     async def run(self, plan: MotionPlan, on_progress: Callable[[Progress], None]) -> Trace:
         if self.refusal is not None:
             raise self.refusal
+        self.asked.set()
+        await self.begins.wait()
         self.runs += 1
+        self._stop_because = ""
         self.now = replace(STILL, mode=ArmMode.RUNNING, at_rest=False)
         self.running.set()
         on_progress(Progress(0.5, 1.0, "dispense"))

@@ -87,6 +87,12 @@ class World:
                 await asyncio.sleep(0.01)
         return reading
 
+    async def is_home(self) -> None:
+        async with asyncio.timeout(LIMIT):
+            while np.abs((await self.paced.arm()).position - HOME).max() > 2e-3:
+                await asyncio.sleep(0.05)
+        await self.at_rest()
+
     async def still_serves(self) -> None:
         """Show that other clients are served and that the next job runs, from wherever the arm stands."""
         assert [skill.name for skill in await self.people["visitor"].find_skills()] == ["corner"]
@@ -241,9 +247,7 @@ async def test_two_runs_at_once_are_one_after_the_other(world: World) -> None:
     assert reports[0].end_time <= reports[1].start_time  # pyright: ignore[reportOptionalOperand]
 
 
-async def test_an_abort_during_the_approach_leaves_the_arm_at_rest_and_the_next_job_goes_home_first(
-    world: World,
-) -> None:
+async def test_an_abort_during_the_approach_leaves_the_arm_at_rest_until_somebody_sends_it_home(world: World) -> None:
     job_id = await world.started()
     assert await world.paced.abort(job_id, "hand in the cell") == "Stopping"
     report = await world.ended(job_id)
@@ -253,6 +257,24 @@ async def test_an_abort_during_the_approach_leaves_the_arm_at_rest_and_the_next_
     trace = await world.paced.trace(job_id)
     assert trace.measured[:, 2].min() > world.recipe.frame[2] + world.recipe.standoff + 1e-3, "it was at the part"
     assert np.abs(rest.position - HOME).max() > 0.02
+    assert (report.cause, report.held_queue) == ("Aborted", True)
+    assert np.isnan(report.place), "it had not come to the path"
+    queue = await world.paced.queue()
+    assert (queue.state, queue.because, queue.by, queue.waiting) == ("Held", "Aborted", "mes", 0)
+    waiting = (await world.paced.execute("corner", recipe_id="quick")).job_id
+    assert (await world.paced.job(waiting)).held_queue
+    with pytest.raises(Refused) as refused:
+        await world.paced.release_queue()
+    assert (refused.value.status, "GoHome" in refused.value.reason) == ("BadInvalidState", True)
+    assert np.array_equal((await world.paced.arm()).position, rest.position), "it moved and nobody had asked for it"
+    await world.paced.go_home()
+    asked_on_the_way = (await world.paced.execute("corner", recipe_id="quick")).job_id
+    with pytest.raises(Refused, match="BadInvalidState"):
+        await world.paced.release_queue()
+    await world.is_home()
+    assert [(await world.paced.job(one)).state for one in (waiting, asked_on_the_way)] == ["Queued", "Queued"]
+    assert await world.paced.release_queue("looked at it") == "Released"
+    assert [(await world.ended(one)).state for one in (waiting, asked_on_the_way)] == ["Completed", "Completed"]
     await world.still_serves()
 
 
@@ -266,15 +288,16 @@ async def test_an_arm_that_is_not_at_its_start_runs_nothing_until_somebody_sends
     assert refused.value.status == "BadInvalidState"
     await world.paced.reset("curtain is clear")
     before = (await world.at_rest()).position
-    report = await world.ended((await world.paced.execute("corner", recipe_id="quick")).job_id)
-    assert (report.state, report.failure) == ("Failed", "ParameterInvalid")
-    assert "move it home" in report.message
+    waiting = (await world.paced.execute("corner", recipe_id="quick")).job_id
+    with pytest.raises(Refused) as refused:
+        await world.paced.release_queue()
+    assert refused.value.status == "BadInvalidState"
+    assert ((await world.paced.job(waiting)).state, (await world.paced.queue()).because) == ("Queued", "ProtectiveStop")
     assert np.array_equal((await world.paced.arm()).position, before), "it moved without having been looked at"
     await world.paced.go_home()
-    async with asyncio.timeout(LIMIT):
-        while np.abs((await world.paced.arm()).position - HOME).max() > 2e-3:
-            await asyncio.sleep(0.05)
-    await world.at_rest()
+    await world.is_home()
+    await world.paced.release_queue()
+    assert (await world.ended(waiting)).state == "Completed"
     await world.still_serves()
 
 
@@ -302,9 +325,8 @@ async def test_a_simulation_killed_in_mid_motion_fails_its_job_within_a_second(w
     assert report.end_time is not None
     assert report.end_time.astimezone(UTC) - died < timedelta(seconds=1.0), "it took the server longer to tell"
     visitor = world.people["visitor"]
-    async with asyncio.timeout(LIMIT):
-        while (await visitor.session.read("Machines/paced/Arm/Known"))[0]:
-            await asyncio.sleep(0.01)
+    assert not (await visitor.session.read("Machines/paced/Arm/Known"))[0], "the arm is shown after its job"
+    assert ((await world.paced.queue()).because, report.cause) == ("ArmLost", "ArmLost")
     reading = await visitor.workstation("paced").arm()
     assert (reading.mode, reading.at_rest) == ("fault", True)
     assert reading.fault
@@ -317,6 +339,7 @@ async def test_a_simulation_killed_in_mid_motion_fails_its_job_within_a_second(w
     async with asyncio.timeout(LIMIT):
         while not (await visitor.session.read("Machines/paced/Arm/Known"))[0]:
             await asyncio.sleep(0.01)
+    await world.paced.release_queue()
     await world.still_serves()
 
 
@@ -324,26 +347,33 @@ async def test_a_locked_database_does_not_keep_the_arm_from_stopping(world: Worl
     job_id = await world.started()
     with contextlib.closing(sqlite3.connect(world.plant.database, isolation_level=None, timeout=20.0)) as other:
         other.execute("BEGIN IMMEDIATE")
-        aborting = asyncio.create_task(world.paced.abort(job_id, "stop"))
-        watching = world.people["visitor"].workstation("paced")
         asked = time.monotonic()
+        assert await world.paced.abort(job_id, "stop") == "Stopping"
+        assert time.monotonic() - asked < 10.0, "the answer waited for the database"
+        watching = world.people["visitor"].workstation("paced")
         while not (await watching.arm()).at_rest:
             assert time.monotonic() - asked < 15.0, "the arm still moves while the database is locked"
             await asyncio.sleep(0.01)
         assert (await watching.job(job_id)).state == "Running", "told before it was written"
+        assert (await watching.queue()).state == "Held"
         other.execute("ROLLBACK")
-    assert await aborting == "Stopping"
     assert (await world.ended(job_id)).state == "Aborted"
+    await world.paced.go_home()
+    await world.is_home()
+    await world.paced.release_queue()
 
 
 async def test_a_job_whose_skill_was_withdrawn_while_it_waited_does_not_run(world: World) -> None:
     engineer = world.people["engineer"]
-    first, second = [await world.paced.execute("corner", recipe_id="quick") for _ in range(2)]
+    assert await world.paced.hold_queue("not yet") == "Held"
+    started = await world.paced.execute("corner", recipe_id="quick")
     await engineer.withdraw("corner", 1, "paced")
     try:
-        report = await world.ended(second.job_id)
+        assert await world.paced.release_queue() == "Released"
+        report = await world.ended(started.job_id)
         assert (report.state, report.failure, report.start_time) == ("Failed", "NotDeployed", None)
-        assert (await world.ended(first.job_id)).state == "Completed"
+        assert (await world.paced.queue()).because == "Failed"
+        await world.paced.release_queue()
     finally:
         await engineer.deploy("corner", 1, "paced")
 

@@ -1,20 +1,24 @@
 """A lane writes states down before it tells, runs one job at a time, and leaves the arm at rest on every way out."""
 
 import asyncio
+import contextlib
+import sqlite3
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any, cast
 
 import pytest
 from scripted_arm import ScriptedArm, trace
 
-from library.description import Failure, JobReport, JobState
+from library.description import Cause, Failure, JobReport, JobState
 from library.errors import LibraryUnusable, NotAllowedInState
 from library.store import SkillLibrary
-from opcua_skill.lane import Lane, NotAnyMore, Order
-from sim.arm import ArmFault, StartRefused, Trace
+from opcua_skill.arm_queue import ArmQueue, QueueStatus
+from opcua_skill.lane import Lane, NotAnyMore, is_lost
+from opcua_skill.run import Order
+from sim.arm import ArmFault, ArmMode, StartRefused, Trace
 from sim.plan import MotionPlan
 
 LIMIT = 10.0
@@ -23,13 +27,53 @@ NO_PLAN = cast(MotionPlan, None)
 
 @dataclass
 class Bench:
-    """A lane with a scripted arm on a library of its own, and what it told."""
+    """A lane with a scripted arm on a library of its own, its queue, and what both told."""
 
     library: SkillLibrary
     arm: ScriptedArm
     told: list[tuple[JobState, JobState]] = field(default_factory=list)
+    queues: list[QueueStatus] = field(default_factory=list)
+    queue: Any = None
     lane: Any = None
     kept: dict[str, Trace] = field(default_factory=dict)
+    at_check: "asyncio.Event" = field(default_factory=asyncio.Event)
+    checked: "asyncio.Event" = field(default_factory=asyncio.Event)
+    not_any_more: str = ""
+
+    def __post_init__(self) -> None:
+        self.checked.set()
+        self.queue = ArmQueue("ws1", self.library, self.tell_queue)
+        self.lane = Lane(
+            "test",
+            self.library,
+            lambda: self.arm,
+            self.tell,
+            keep_trace=self.keep,
+            queue=self.queue,
+            trouble=self.trouble,
+            may_still_run=self.may_still_run,
+        )
+
+    def trouble(self) -> Cause:
+        if self.arm.state().protective_stop:
+            return Cause.PROTECTIVE_STOP
+        return Cause.ARM_LOST if is_lost(self.arm) else Cause.NONE
+
+    async def may_still_run(self, _: JobReport) -> None:
+        self.at_check.set()
+        await self.checked.wait()
+        if self.not_any_more:
+            raise NotAnyMore(Failure.NOT_DEPLOYED, self.not_any_more)
+
+    async def tell_queue(self, _: str, status: QueueStatus) -> None:
+        self.queues.append(status)
+
+    async def release(self) -> None:
+        """Release the queue as soon as nothing is under way."""
+        async with asyncio.timeout(LIMIT):
+            while self.lane.busy_with:
+                await asyncio.sleep(0.01)
+        await self.queue.release("olga", lambda: self.lane.check_at_rest("the arm"))
 
     async def keep(self, order: Order, trace: Trace) -> None:
         self.kept[order.job_id] = trace
@@ -37,7 +81,7 @@ class Bench:
     async def tell(self, report: JobReport) -> None:
         self.told.append((report.state, (await self.library.job(report.job_id)).state))
 
-    async def queue(self, job_id: str) -> None:
+    async def ask(self, job_id: str) -> None:
         await self.library.add_job(JobReport(job_id=job_id, kind="Execution", workstation="ws1", mode="production"))
         self.lane.reserve()
         self.lane.put(Order(job_id, NO_PLAN))
@@ -55,7 +99,9 @@ class FullDisk:
     def __init__(self, library: SkillLibrary, monkeypatch: pytest.MonkeyPatch) -> None:
         self.full = False
         self.refused = asyncio.Event()
-        for name in ("move_job", "save_trace", "set_progress"):
+        self.gate, self.at_gate = asyncio.Event(), asyncio.Event()
+        self.gate.set()
+        for name in ("move_job", "save_trace", "set_progress", "change_station"):
             monkeypatch.setattr(library, name, self._guarded(getattr(library, name)))
 
     def _guarded(self, write: Any) -> Any:
@@ -63,6 +109,9 @@ class FullDisk:
             if self.full:
                 self.refused.set()
                 raise LibraryUnusable("skills.db", "database or disk is full", "free space")
+            if not self.gate.is_set():
+                self.at_gate.set()
+                await self.gate.wait()
             return await write(*arguments, **fields)
 
         return written
@@ -73,57 +122,21 @@ def full_disk(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> FullDisk:
     return FullDisk(bench.library, monkeypatch)
 
 
-@dataclass
-class Guarded(Bench):
-    """A lane whose jobs are asked for once more when their turn comes, and whose arm has to be brought home first."""
-
-    asked_for_way: asyncio.Event = field(default_factory=asyncio.Event)
-    way: "asyncio.Future[MotionPlan | None]" = field(default_factory=lambda: asyncio.get_running_loop().create_future())
-    not_any_more: str = ""
-
-    async def may_still_run(self, _: JobReport) -> None:
-        if self.not_any_more:
-            raise NotAnyMore(Failure.NOT_DEPLOYED, self.not_any_more)
-
-    async def way_home(self) -> MotionPlan | None:
-        self.asked_for_way.set()
-        return await self.way
-
-
-@asynccontextmanager
-async def lane_on(folder: Path) -> AsyncIterator[Guarded]:
-    library = await SkillLibrary.open(folder / "skills.db")
-    made = Guarded(library, ScriptedArm())
-    made.lane = Lane(
-        "test",
-        library,
-        lambda: made.arm,
-        made.tell,
-        keeps_arm_open=True,
-        keep_trace=made.keep,
-        may_still_run=made.may_still_run,
-        way_home=made.way_home,
-    )
-    made.lane.start()
-    yield made
-    await made.lane.stop()
-    await library.close()
-
-
 @pytest.fixture
 async def bench(tmp_path: Path) -> AsyncIterator[Bench]:
     library = await SkillLibrary.open(tmp_path / "skills.db")
     made = Bench(library, ScriptedArm())
-    made.lane = Lane("test", library, lambda: made.arm, made.tell, keeps_arm_open=True, keep_trace=made.keep)
+    made.queue.start()
     made.lane.start()
     yield made
     made.arm.finish.set()
     await made.lane.stop()
+    await made.queue.stop()
     await library.close()
 
 
 async def test_a_run_completes_with_its_trace_and_tracking_error(bench: Bench) -> None:
-    await bench.queue("one")
+    await bench.ask("one")
     await bench.state("one", JobState.RUNNING)
     bench.arm.finish.set()
     report = await bench.state("one", JobState.COMPLETED)
@@ -139,7 +152,7 @@ async def test_a_run_completes_with_its_trace_and_tracking_error(bench: Bench) -
 
 
 async def test_what_is_told_was_written_before(bench: Bench) -> None:
-    await bench.queue("one")
+    await bench.ask("one")
     await bench.state("one", JobState.RUNNING)
     await bench.lane.pause("one", "look")
     await bench.lane.resume("one")
@@ -155,7 +168,7 @@ async def test_what_is_told_was_written_before(bench: Bench) -> None:
 
 async def test_one_job_runs_at_a_time_in_the_order_of_arrival(bench: Bench) -> None:
     for name in ("one", "two", "three"):
-        await bench.queue(name)
+        await bench.ask(name)
     await bench.state("one", JobState.RUNNING)
     assert [(await bench.library.job(name)).state for name in ("two", "three")] == [JobState.QUEUED, JobState.QUEUED]
     assert bench.lane.waiting == 2
@@ -169,10 +182,10 @@ async def test_one_job_runs_at_a_time_in_the_order_of_arrival(bench: Bench) -> N
 
 
 async def test_aborting_a_running_job_is_stopping_until_the_arm_rests(bench: Bench) -> None:
-    await bench.queue("one")
+    await bench.ask("one")
     await bench.state("one", JobState.RUNNING)
     await asyncio.wait_for(bench.arm.running.wait(), LIMIT)
-    assert (await bench.lane.abort("one", "operator pressed stop")).state is JobState.STOPPING
+    assert await bench.lane.abort("one", "operator pressed stop", "olga") is JobState.STOPPING
     report = await bench.state("one", JobState.ABORTED)
     assert (report.failure, report.message) == (Failure.ABORTED, "operator pressed stop")
     assert bench.arm.state().at_rest
@@ -180,10 +193,11 @@ async def test_aborting_a_running_job_is_stopping_until_the_arm_rests(bench: Ben
 
 
 async def test_aborting_a_waiting_job_never_runs_it(bench: Bench) -> None:
-    await bench.queue("one")
-    await bench.queue("two")
+    await bench.ask("one")
+    await bench.ask("two")
     await bench.state("one", JobState.RUNNING)
-    assert (await bench.lane.abort("two", "not needed")).state is JobState.ABORTED
+    assert await bench.lane.abort("two", "not needed") is JobState.ABORTED
+    assert not bench.queue.held, "what has not begun is no motion that was stopped"
     bench.arm.finish.set()
     await bench.state("one", JobState.COMPLETED)
     assert bench.arm.runs == 1
@@ -191,36 +205,40 @@ async def test_aborting_a_waiting_job_never_runs_it(bench: Bench) -> None:
 
 
 async def test_a_paused_job_is_not_started_by_the_next_one(bench: Bench) -> None:
-    await bench.queue("one")
+    await bench.ask("one")
     await bench.state("one", JobState.RUNNING)
     await bench.lane.pause("one", "look")
-    await bench.queue("two")
+    await bench.ask("two")
     await asyncio.sleep(0.05)
     assert (await bench.library.job("one")).state is JobState.PAUSED
     assert (await bench.library.job("two")).state is JobState.QUEUED
 
 
-async def test_a_fault_names_itself_and_the_next_job_still_runs(bench: Bench) -> None:
+async def test_a_fault_names_itself_and_the_next_job_waits_for_a_release(bench: Bench) -> None:
     bench.arm.fault = ArmFault("Internal", "the simulation process died", trace(1))
     bench.arm.finish.set()
-    await bench.queue("one")
+    await bench.ask("one")
     report = await bench.state("one", JobState.FAILED)
     assert (report.failure, report.message) == (Failure.INTERNAL, "the simulation process died")
+    assert (report.cause, report.held_queue) == (Cause.FAILED, True)
     bench.arm.fault = None
-    await bench.queue("two")
+    await bench.ask("two")
+    assert (await bench.library.station("ws1")).held_because is Cause.FAILED
+    await bench.release()
     await bench.state("two", JobState.COMPLETED)
+    assert bench.arm.runs == 2
 
 
 async def test_a_refused_start_fails_the_job_by_name(bench: Bench) -> None:
     bench.arm.refusal = StartRefused("ParameterInvalid", "the arm is not where the plan begins")
-    await bench.queue("one")
+    await bench.ask("one")
     report = await bench.state("one", JobState.FAILED)
     assert report.failure is Failure.PARAMETER_INVALID
     assert "where the plan begins" in report.message
 
 
 async def test_stopping_the_server_interrupts_the_run_at_rest(bench: Bench) -> None:
-    await bench.queue("one")
+    await bench.ask("one")
     await bench.state("one", JobState.RUNNING)
     await bench.lane.stop()
     report = await bench.library.job("one")
@@ -229,7 +247,7 @@ async def test_stopping_the_server_interrupts_the_run_at_rest(bench: Bench) -> N
 
 
 async def test_a_protective_stop_says_so_in_the_job(bench: Bench) -> None:
-    await bench.queue("one")
+    await bench.ask("one")
     await bench.state("one", JobState.RUNNING)
     await bench.lane.protective_stop("light curtain")
     report = await bench.state("one", JobState.ABORTED)
@@ -237,33 +255,213 @@ async def test_a_protective_stop_says_so_in_the_job(bench: Bench) -> None:
 
 
 async def test_a_protective_stop_without_a_job_still_stops_the_arm(bench: Bench) -> None:
-    assert await bench.lane.protective_stop("light curtain") is None
+    await bench.lane.protective_stop("light curtain")
     assert bench.arm.state().protective_stop
 
 
-async def test_a_job_aborted_before_the_arm_moves_never_moves_it(tmp_path: Path) -> None:
-    async with lane_on(tmp_path) as made:
-        await made.queue("one")
-        await made.asked_for_way.wait()
-        assert (await made.lane.abort("one", "not needed")).state is JobState.STOPPING
-        made.way.set_result(NO_PLAN)
-        report = await made.state("one", JobState.ABORTED)
-        assert (report.failure, report.message) == (Failure.ABORTED, "not needed")
-        assert made.arm.runs == 0
+async def test_a_job_aborted_before_the_arm_moves_never_moves_it(bench: Bench) -> None:
+    bench.checked.clear()
+    await bench.ask("one")
+    await bench.at_check.wait()
+    assert await bench.lane.abort("one", "not needed") is JobState.STOPPING
+    bench.checked.set()
+    report = await bench.state("one", JobState.ABORTED)
+    assert (report.failure, report.cause, report.message) == (Failure.ABORTED, Cause.ABORTED, "not needed")
+    assert bench.arm.runs == 0
+    assert bench.queue.held
 
 
-async def test_a_job_that_may_not_run_any_more_fails_without_having_started(tmp_path: Path) -> None:
-    async with lane_on(tmp_path) as made:
-        made.not_any_more = "glue is not deployed any more"
-        await made.queue("one")
-        report = await made.state("one", JobState.FAILED)
-        assert (report.failure, report.message) == (Failure.NOT_DEPLOYED, "glue is not deployed any more")
-        assert (report.start_time, made.arm.runs) == (None, 0)
+async def test_a_job_that_may_not_run_any_more_fails_without_having_started(bench: Bench) -> None:
+    bench.not_any_more = "glue is not deployed any more"
+    await bench.ask("one")
+    report = await bench.state("one", JobState.FAILED)
+    assert (report.failure, report.message) == (Failure.NOT_DEPLOYED, "glue is not deployed any more")
+    assert (report.start_time, bench.arm.runs) == (None, 0)
+
+
+async def test_a_queue_held_while_a_job_s_turn_comes_keeps_the_job_waiting(bench: Bench) -> None:
+    bench.checked.clear()
+    await bench.ask("one")
+    await bench.ask("two")
+    await bench.at_check.wait()
+    bench.queue.hold(Cause.REQUESTED, "olga")
+    bench.checked.set()
+    async with asyncio.timeout(LIMIT):
+        while bench.lane.waiting < 2:
+            await asyncio.sleep(0.01)
+    assert [(await bench.library.job(name)).state for name in ("one", "two")] == [JobState.QUEUED] * 2
+    assert bench.arm.runs == 0
+    bench.arm.finish.set()
+    await bench.release()
+    for name in ("one", "two"):
+        await bench.state(name, JobState.COMPLETED)
+    first, second = [await bench.library.job(name) for name in ("one", "two")]
+    assert first.end_time <= second.start_time  # type: ignore[operator]
+
+
+async def test_after_an_abort_the_next_job_waits_until_somebody_releases_the_queue(bench: Bench) -> None:
+    await bench.ask("one")
+    await bench.ask("two")
+    await bench.state("one", JobState.RUNNING)
+    await asyncio.wait_for(bench.arm.running.wait(), LIMIT)
+    await bench.lane.abort("one", "stop", "olga")
+    report = await bench.state("one", JobState.ABORTED)
+    assert (report.cause, report.held_queue) == (Cause.ABORTED, True)
+    await bench.queue.written(LIMIT)
+    assert (bench.queue.status.because, bench.queue.status.by) == (Cause.ABORTED, "olga")
+    assert (await bench.library.station("ws1")).held_because is Cause.ABORTED
+    assert (bench.arm.runs, bench.queue.status.waiting) == (1, 1)
+    await bench.release()
+    await bench.state("two", JobState.RUNNING, JobState.ABORTED)
+    assert (await bench.library.station("ws1")).held_because is Cause.NONE
+    async with asyncio.timeout(LIMIT):
+        while not any(told.held for told in bench.queues) or bench.queues[-1].held:
+            await asyncio.sleep(0.01)
+
+
+async def test_a_hold_that_comes_while_a_release_is_written_down_wins(bench: Bench, full_disk: FullDisk) -> None:
+    bench.queue.hold(Cause.ABORTED, "olga")
+    await bench.queue.written(LIMIT)
+    full_disk.gate.clear()
+    releasing = asyncio.create_task(bench.release())
+    await full_disk.at_gate.wait()
+    bench.queue.hold(Cause.PROTECTIVE_STOP, "otto")
+    full_disk.gate.set()
+    with pytest.raises(NotAllowedInState):
+        await releasing
+    assert bench.queue.status.because is Cause.PROTECTIVE_STOP
+    assert await bench.queue.written(LIMIT)
+    assert (await bench.library.station("ws1")).held_because is Cause.PROTECTIVE_STOP
+
+
+async def test_a_release_that_cannot_be_written_down_releases_nothing(bench: Bench, full_disk: FullDisk) -> None:
+    bench.queue.hold(Cause.ABORTED, "olga")
+    await bench.queue.written(LIMIT)
+    full_disk.full = True
+    with pytest.raises(LibraryUnusable):
+        await bench.release()
+    assert bench.queue.held
+    full_disk.full = False
+    assert await bench.queue.written(LIMIT)
+    assert (await bench.library.station("ws1")).held_because is Cause.ABORTED
+
+
+async def test_a_hold_counts_and_is_told_while_the_disk_is_full(bench: Bench, full_disk: FullDisk) -> None:
+    full_disk.full = True
+    bench.queue.hold(Cause.REQUESTED, "olga")
+    async with asyncio.timeout(LIMIT):
+        while not bench.queues:
+            await asyncio.sleep(0.01)
+    assert bench.queues[-1].held
+    full_disk.full = False
+    assert await bench.queue.written(LIMIT)
+    assert (await bench.library.station("ws1")).held_because is Cause.REQUESTED
+
+
+async def test_a_pause_by_the_arm_s_own_side_pauses_the_job_holds_the_queue_and_can_be_resumed(bench: Bench) -> None:
+    await bench.ask("one")
+    await bench.ask("two")
+    await bench.state("one", JobState.RUNNING)
+    await asyncio.wait_for(bench.arm.running.wait(), LIMIT)
+    await bench.arm.pause("pendant")
+    report = await bench.state("one", JobState.PAUSED)
+    assert report.cause is Cause.UNASKED_PAUSE
+    assert (len(report.paused_from), len(report.paused_until)) == (1, 0)
+    assert (bench.queue.status.because, bench.queue.status.by) == (Cause.UNASKED_PAUSE, "arm")
+    await bench.lane.resume("one")
+    assert bench.arm.state().mode is ArmMode.RUNNING
+    bench.arm.finish.set()
+    report = await bench.state("one", JobState.COMPLETED)
+    assert report.cause is Cause.NONE
+    assert report.paused_from[0] < report.paused_until[0] <= report.end_time  # type: ignore[operator]
+    assert (bench.queue.held, bench.arm.runs) == (True, 1)
+
+
+async def test_an_arm_that_goes_on_by_its_own_side_is_followed_if_its_own_side_had_paused_it(bench: Bench) -> None:
+    await bench.ask("one")
+    await bench.state("one", JobState.RUNNING)
+    await asyncio.wait_for(bench.arm.running.wait(), LIMIT)
+    await bench.arm.pause("pendant")
+    await bench.state("one", JobState.PAUSED)
+    await bench.arm.resume()
+    assert (await bench.state("one", JobState.RUNNING)).cause is Cause.NONE
+    await bench.lane.pause("one", "look")
+    await bench.arm.resume()
+    async with asyncio.timeout(LIMIT):
+        while bench.arm.state().mode is not ArmMode.PAUSED:
+            await asyncio.sleep(0.01)
+    assert (await bench.library.job("one")).state is JobState.PAUSED
+
+
+async def test_a_stop_nobody_asked_for_ends_the_job_by_that_name(bench: Bench) -> None:
+    await bench.ask("one")
+    await bench.state("one", JobState.RUNNING)
+    await asyncio.wait_for(bench.arm.running.wait(), LIMIT)
+    await bench.arm.stop("door")
+    report = await bench.state("one", JobState.ABORTED)
+    assert (report.cause, report.message) == (Cause.UNASKED_STOP, "door")
+    assert bench.queue.status.because is Cause.UNASKED_STOP
+
+
+async def test_an_arm_lost_while_it_stands_holds_the_queue(bench: Bench) -> None:
+    bench.arm.be_silent("no cable")
+    async with asyncio.timeout(LIMIT):
+        while not bench.queue.held:
+            await asyncio.sleep(0.01)
+    assert (bench.queue.status.because, bench.queue.status.by) == (Cause.ARM_LOST, "arm")
+
+
+STORED = {
+    "damaged": "UPDATE jobs SET report = '[]'",
+    "marked by somebody else": "UPDATE jobs SET state = 'Failed'",
+    "gone": "DELETE FROM jobs",
+}
+
+
+def tamper(database: Path, statement: str) -> None:
+    """Change what is stored past the library, as somebody else might."""
+    with contextlib.closing(sqlite3.connect(database, isolation_level=None, timeout=LIMIT)) as other:
+        other.execute(statement)
+
+
+@pytest.mark.parametrize("case", STORED)
+async def test_an_abort_of_what_the_arm_runs_is_never_refused_whatever_the_database_says(
+    case: str, bench: Bench, tmp_path: Path
+) -> None:
+    await bench.ask("one")
+    await bench.state("one", JobState.RUNNING)
+    await asyncio.wait_for(bench.arm.running.wait(), LIMIT)
+    await asyncio.to_thread(tamper, tmp_path / "skills.db", STORED[case])
+    assert await bench.lane.abort("one", "stop", "olga") is JobState.STOPPING
+    async with asyncio.timeout(LIMIT):
+        while bench.lane.busy_with:
+            await asyncio.sleep(0.01)
+    assert bench.arm.state().at_rest
+    assert bench.queue.status.because is Cause.ABORTED
+
+
+async def test_a_stop_that_comes_before_the_arm_has_begun_is_asked_again(bench: Bench) -> None:
+    bench.arm.begins = asyncio.Event()
+    await bench.ask("one")
+    await bench.state("one", JobState.RUNNING)
+    await bench.arm.asked.wait()
+    await bench.lane.abort("one", "stop", "olga")
+    bench.arm.begins.set()
+    assert (await bench.state("one", JobState.ABORTED)).cause is Cause.ABORTED
+    assert bench.arm.state().at_rest
+
+
+async def test_an_end_is_never_before_its_start(bench: Bench) -> None:
+    late = datetime.now(UTC) + timedelta(days=1)
+    await bench.library.add_job(JobReport(job_id="one", kind="Execution", workstation="ws1", mode="production"))
+    await bench.library.move_job("one", JobState.RUNNING, start_time=late)
+    (report,) = await bench.library.interrupt_unfinished()
+    assert report.end_time == report.start_time == late
 
 
 async def test_what_a_full_disk_did_not_take_is_told_once_it_is_back(bench: Bench, full_disk: FullDisk) -> None:
-    await bench.queue("one")
-    await bench.queue("two")
+    await bench.ask("one")
+    await bench.ask("two")
     await bench.state("one", JobState.RUNNING)
     await asyncio.wait_for(bench.arm.running.wait(), LIMIT)
     full_disk.full = True
@@ -281,12 +479,11 @@ async def test_what_a_full_disk_did_not_take_is_told_once_it_is_back(bench: Benc
 
 
 async def test_a_full_disk_does_not_keep_the_arm_from_stopping(bench: Bench, full_disk: FullDisk) -> None:
-    await bench.queue("one")
+    await bench.ask("one")
     await bench.state("one", JobState.RUNNING)
     await asyncio.wait_for(bench.arm.running.wait(), LIMIT)
     full_disk.full = True
-    with pytest.raises(LibraryUnusable):
-        await bench.lane.abort("one", "operator pressed stop")
+    assert await bench.lane.abort("one", "operator pressed stop") is JobState.STOPPING
     async with asyncio.timeout(LIMIT):
         while not bench.arm.state().at_rest:
             await asyncio.sleep(0.01)
@@ -296,7 +493,7 @@ async def test_a_full_disk_does_not_keep_the_arm_from_stopping(bench: Bench, ful
 
 
 async def test_a_server_that_stops_does_not_wait_for_a_full_disk(bench: Bench, full_disk: FullDisk) -> None:
-    await bench.queue("one")
+    await bench.ask("one")
     await bench.state("one", JobState.RUNNING)
     await asyncio.wait_for(bench.arm.running.wait(), LIMIT)
     full_disk.full = True
@@ -310,7 +507,7 @@ async def test_a_server_that_stops_does_not_wait_for_a_full_disk(bench: Bench, f
 @pytest.mark.parametrize("command", ["pause", "resume", "abort"])
 async def test_commands_to_a_job_that_has_ended_are_refused(bench: Bench, command: str) -> None:
     bench.arm.finish.set()
-    await bench.queue("one")
+    await bench.ask("one")
     await bench.state("one", JobState.COMPLETED)
     arguments = ("one",) if command == "resume" else ("one", "why")
     with pytest.raises(NotAllowedInState):
@@ -321,10 +518,10 @@ async def test_a_fresh_arm_is_opened_and_closed_for_every_job(tmp_path: Path) ->
     library = await SkillLibrary.open(tmp_path / "skills.db")
     made = Bench(library, ScriptedArm())
     made.arm.finish.set()
-    made.lane = Lane("test", library, lambda: made.arm, made.tell, keeps_arm_open=False, keep_trace=made.keep)
+    made.lane = Lane("test", library, lambda: made.arm, made.tell, keep_trace=made.keep)
     made.lane.start()
     for name in ("one", "two"):
-        await made.queue(name)
+        await made.ask(name)
         await made.state(name, JobState.COMPLETED)
     await made.lane.stop()
     await library.close()

@@ -147,6 +147,14 @@ MOTION = {
     "the arm's process ended ({t}): the arm's position is unknown until it is reset": (
         "der Prozess des Arms endete ({t}): die Position des Arms ist bis zum Quittieren unbekannt"
     ),
+    "the queue was held before the arm moved: ask for the job again": (
+        "die Warteschlange wurde angehalten, bevor der Arm sich bewegte: Auftrag erneut erteilen"
+    ),
+    "it went on although it is paused": "er lief weiter, obwohl er pausiert ist",
+    "the arm of {x} is away from home: send it home first (GoHome)": (
+        "der Arm von {x} steht nicht in Grundstellung: zuerst zum Start fahren (GoHome)"
+    ),
+    "the arm of {x} waits for a reset: {t}": "der Arm von {x} wartet auf das Quittieren: {t}",
     "killed by {x}": "beendet durch {x}",
     "exit status {n}": "Status {n}",
     "PyBullet did not start within {n} s": "PyBullet startete nicht innerhalb von {n} s",

@@ -100,12 +100,14 @@ async def test_after_a_stop_on_the_path_the_way_home_makes_the_next_run_possible
     with pytest.raises(Refused, match="BadInvalidState"):
         await station.go_home()
     await station.reset()
-    refused = await mes.follow((await station.execute("home")).job_id, on="ws1")
-    assert refused.state == "Failed", "it does not stand where the run begins"
+    waiting = await station.execute("home")
+    assert (await station.queue()).state == "Held"
     await station.go_home()
     await until(mes, "running")
     await until(mes, "idle")
-    done = await mes.follow((await station.execute("home")).job_id, on="ws1")
+    assert (await station.job(waiting.job_id)).state == "Queued"
+    assert await station.release_queue() == "Released"
+    done = await mes.follow(waiting.job_id, on="ws1")
     assert done.state == "Completed", done.message
 
 

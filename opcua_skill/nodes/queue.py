@@ -1,0 +1,46 @@
+"""`Machines/<Workstation>/Queue`: whether the arm's next job may begin, and the methods that decide it."""
+
+from opcua_skill.arm_queue import QueueStatus
+from opcua_skill.methods.queue import QueueMethods
+from opcua_skill.nodes.library import COMMENT, OPERATORS, STATE, method
+from opcua_skill.nodes.tree import Tree
+from opcua_skill.nodes.types import NO_TIME
+from opcua_skill.stack.calls import add_method
+from opcua_skill.tidings import queue_values
+
+MEANINGS = {
+    "State": "Released or Held: while it is held no further job begins",
+    "HeldBecause": "why it is held; empty: it is released",
+    "HeldBy": "who held or released it last: a user, arm or server",
+    "HeldSince": "when that was",
+    "Waiting": "jobs that wait",
+}
+
+
+async def add_queue(tree: Tree, workstation: str, methods: QueueMethods) -> None:
+    """Add the queue to a workstation."""
+    path = f"Machines/{workstation}/Queue"
+    queue_type = tree.type_id("QueueType")
+    queue = tree.object(
+        path, tree.id(f"Machines/{workstation}"), type_definition=queue_type, description="the jobs that wait"
+    )
+    blank = queue_values(QueueStatus(since=NO_TIME))
+    declared = tree.type_id("QueueType/State") in tree.server.iserver.aspace
+    for name, value in queue_values(methods.station.queue.status).items():
+        tree.variable(f"{path}/{name}", queue, value, description=MEANINGS[name])
+        if not declared:
+            place = {"node_id": tree.type_id(f"QueueType/{name}"), "name": tree.name(name)}
+            member = tree.variable(
+                f"QueueType/{name}",
+                queue_type,
+                blank[name],
+                description=MEANINGS[name],
+                **place,
+            )
+            tree.make_mandatory(member)
+    for spec in (
+        method("ReleaseQueue", methods.release_queue, OPERATORS, (COMMENT,), (STATE,)),
+        method("HoldQueue", methods.hold_queue, OPERATORS, (COMMENT,), (STATE,), urgent=True),
+    ):
+        tree.declare_method("QueueType", spec)
+        await add_method(tree.server, queue, spec, tree.id(f"{path}/{spec.name}"), tree.name(spec.name))

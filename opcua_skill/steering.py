@@ -1,0 +1,144 @@
+"""Steering a run that is under way: pause, resume, stop, and following what the arm's own side does.
+
+Stopping never waits for the database: first the arm is told, then the change of state is written down and told.
+"""
+
+import asyncio
+import logging
+from collections.abc import Awaitable, Callable
+
+from library.description import Cause, JobReport, JobState
+from library.errors import NotAllowedInState
+from library.store import SkillLibrary
+from opcua_skill.arm_queue import ArmQueue
+from opcua_skill.endings import in_background
+from opcua_skill.run import Run
+from sim.arm import ArmError, ArmMode
+
+STOP_AGAIN = 0.05
+ARM_SIDE = "arm"
+UNDER_WAY = frozenset({JobState.RUNNING, JobState.PAUSED})
+
+_log = logging.getLogger(__name__)
+
+
+class Steering:
+    """What may be done to the run of one lane. ``moves`` guards changes of state; ``queue`` is None beside the arm."""
+
+    def __init__(
+        self,
+        library: SkillLibrary,
+        tell: Callable[[JobReport], Awaitable[None]],
+        moves: asyncio.Lock,
+        queue: ArmQueue | None,
+    ) -> None:
+        self._library = library
+        self._tell = tell
+        self._moves = moves
+        self._queue = queue
+
+    async def move(self, run: Run, to: JobState, **fields: object) -> JobReport:
+        """Write down another state of a run's job, then tell."""
+        report = await self._library.move_job(run.order.job_id, to, **fields)
+        run.state = to
+        await self._tell(report)
+        return report
+
+    async def pause(self, run: Run, because: str) -> JobReport:
+        """Stop on the path; the job can be resumed."""
+        async with self._moves:
+            self._check(run, JobState.RUNNING)
+            run.pause_wanted = True
+            try:
+                await run.arm.pause(because)
+            except ArmError:
+                run.pause_wanted = False
+                raise
+            if run.arm.state().mode is not ArmMode.PAUSED:
+                run.pause_wanted = False
+                raise NotAllowedInState(f"job {run.order.job_id}", "at its end", "it has to be running")
+            return await self._paused(run, Cause.NONE)
+
+    async def resume(self, run: Run) -> JobReport:
+        """Go on where the arm paused, whoever paused it."""
+        async with self._moves:
+            self._check(run, JobState.PAUSED)
+            mode = run.arm.state().mode
+            if mode is not ArmMode.PAUSED:
+                raise NotAllowedInState(f"the arm of job {run.order.job_id}", mode.value, "it has to be paused")
+            run.note_going_on()
+            report = await self.move(run, JobState.RUNNING, cause=Cause.NONE, **run.pauses)
+            if run.stop_because:
+                raise NotAllowedInState(f"job {run.order.job_id}", JobState.STOPPING.value, "it has to be paused")
+            run.pause_wanted = False
+            await run.arm.resume()
+            return report
+
+    def stop(self, run: Run) -> asyncio.Task[None]:
+        """Bring the arm to rest, asking again until the run is over; return the task that writes Stopping down."""
+        in_background(self._bring_to_rest(run))
+        return in_background(self.write_stopping(run))
+
+    async def write_stopping(self, run: Run) -> None:
+        """Write down that a run is being stopped, unless it has ended meanwhile."""
+        async with self._moves:
+            if run.over.is_set():
+                return
+            if (await self._library.job(run.order.job_id)).state in UNDER_WAY:
+                await self.move(run, JobState.STOPPING)
+
+    async def _bring_to_rest(self, run: Run) -> None:
+        """Stop the arm, again and again: a run that begins in the moment it is stopped must not get away."""
+        while not run.over.is_set():
+            try:
+                await run.arm.stop(run.stop_because)
+            except (ArmError, OSError) as fault:
+                _log.error("stopping job %s: %s", run.order.job_id, fault)
+            try:
+                await asyncio.wait_for(run.over.wait(), STOP_AGAIN)
+            except TimeoutError:
+                continue
+
+    async def follow(self, run: Run) -> None:
+        """Write down what the arm's own side did to a run: paused it, or let it go on."""
+        mode = run.arm.state().mode
+        if run.over.is_set() or run.stop_because or (mode, run.state) not in {
+            (ArmMode.PAUSED, JobState.RUNNING), (ArmMode.RUNNING, JobState.PAUSED)
+        }:  # fmt: skip
+            return
+        async with self._moves:
+            mode = run.arm.state().mode
+            if run.over.is_set() or run.stop_because:
+                return
+            if mode is ArmMode.PAUSED and run.state is JobState.RUNNING:
+                await self._found_paused(run)
+            elif mode is ArmMode.RUNNING and run.state is JobState.PAUSED:
+                await self._found_running(run)
+
+    async def _found_paused(self, run: Run) -> None:
+        unasked = not run.pause_wanted
+        if unasked and self._queue is not None:
+            self._queue.hold(Cause.UNASKED_PAUSE, ARM_SIDE)
+        _log.warning("job %s is paused%s", run.order.job_id, " by the arm's own side" if unasked else "")
+        if (await self._library.job(run.order.job_id)).state is JobState.PAUSED:
+            run.state = JobState.PAUSED
+            return
+        await self._paused(run, Cause.UNASKED_PAUSE if unasked else Cause.NONE)
+
+    async def _found_running(self, run: Run) -> None:
+        if run.pause_wanted:
+            _log.error("job %s went on although it is paused: it is paused again", run.order.job_id)
+            await run.arm.pause("it went on although it is paused")
+            return
+        run.note_going_on()
+        await self.move(run, JobState.RUNNING, cause=Cause.NONE, **run.pauses)
+
+    async def _paused(self, run: Run, cause: Cause) -> JobReport:
+        run.note_pause()
+        return await self.move(run, JobState.PAUSED, progress=run.progress, cause=cause, **run.pauses)
+
+    def _check(self, run: Run, wanted: JobState) -> None:
+        """Raise NotAllowedInState unless the run is in a state, and nobody wants it to end."""
+        state = JobState.STOPPING if run.stop_because else run.state
+        if state is not wanted or run.over.is_set():
+            raise NotAllowedInState(f"job {run.order.job_id}", state.value, f"it has to be {wanted.value.lower()}")
