@@ -257,7 +257,7 @@ async def test_after_a_protective_stop_nothing_starts_until_a_reset(foreign: For
     assert state == "Queued"
 
 
-async def test_after_an_abort_the_next_job_goes_to_the_start_by_itself(
+async def test_after_an_abort_a_foreign_client_sends_the_arm_home_and_releases_the_queue(
     foreign: Foreign, app: SkillServerApp, learned: dict[str, Any]
 ) -> None:
     production = ua.Variant(2, ua.VariantType.Int32)
@@ -275,6 +275,19 @@ async def test_after_an_abort_the_next_job_goes_to_the_start_by_itself(
             await asyncio.sleep(0.02)
     assert np.abs(np.array(arm.state().joints) - home).max() > 0.01
     again, _ = await foreign.call("Machines/paced/ExecuteSkill", "glue", "", production)
+    waits = await foreign.call("Machines/paced/GetJob", again)
+    assert (waits.State, waits.HeldQueue, waits.Cause) == ("Queued", True, "")
+    assert (await foreign.read("Machines/paced/Queue/State"), await foreign.read("Machines/paced/Queue/HeldBecause")) == (
+        "Held",
+        "Aborted",
+    )
+    with pytest.raises(ua.uaerrors.BadInvalidState):
+        await foreign.call("Machines/paced/Queue/ReleaseQueue", "not yet")
+    await foreign.call("Machines/paced/Arm/GoHome", "looked")
+    async with asyncio.timeout(LIMIT):
+        while app.jobs.stations["paced"].lane.busy_with:
+            await asyncio.sleep(0.02)
+    assert await foreign.call("Machines/paced/Queue/ReleaseQueue", "looked") == "Released"
     async with asyncio.timeout(LIMIT):
         while (report := await foreign.call("Machines/paced/GetJob", again)).State not in ("Completed", "Failed"):
             await asyncio.sleep(0.02)

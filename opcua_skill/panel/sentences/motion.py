@@ -154,7 +154,6 @@ MOTION = {
     "the arm of {x} is away from home: send it home first (GoHome)": (
         "der Arm von {x} steht nicht in Grundstellung: zuerst zum Start fahren (GoHome)"
     ),
-    "the arm of {x} waits for a reset: {t}": "der Arm von {x} wartet auf das Quittieren: {t}",
     "killed by {x}": "beendet durch {x}",
     "exit status {n}": "Status {n}",
     "PyBullet did not start within {n} s": "PyBullet startete nicht innerhalb von {n} s",
