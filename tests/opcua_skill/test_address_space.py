@@ -277,10 +277,8 @@ async def test_after_an_abort_a_foreign_client_sends_the_arm_home_and_releases_t
     again, _ = await foreign.call("Machines/paced/ExecuteSkill", "glue", "", production)
     waits = await foreign.call("Machines/paced/GetJob", again)
     assert (waits.State, waits.HeldQueue, waits.Cause) == ("Queued", True, "")
-    assert (await foreign.read("Machines/paced/Queue/State"), await foreign.read("Machines/paced/Queue/HeldBecause")) == (
-        "Held",
-        "Aborted",
-    )
+    shown = [await foreign.read(f"Machines/paced/Queue/{name}") for name in ("State", "HeldBecause", "Waiting")]
+    assert shown == ["Held", "Aborted", 1]
     with pytest.raises(ua.uaerrors.BadInvalidState):
         await foreign.call("Machines/paced/Queue/ReleaseQueue", "not yet")
     await foreign.call("Machines/paced/Arm/GoHome", "looked")
