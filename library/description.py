@@ -103,7 +103,10 @@ class Provenance(Value):
 
 
 class DescribedVerdict(Value):
-    """What learning made of one recording; ``place`` is where along the path (0 to 1), ``size`` how much in m."""
+    """What learning made of one recording; ``place`` is where along the path (0 to 1), ``size`` how much in m.
+
+    ``code`` says what ``reason`` says, for programs; versions of before have none.
+    """
 
     demonstration_id: Text
     kind: Text
@@ -111,6 +114,7 @@ class DescribedVerdict(Value):
     place: float | None = None
     size: float | None = None
     fault: Text = ""
+    code: Text = ""
 
 
 class Decision(Value):

@@ -1,5 +1,5 @@
-"""From a recording to a clean motion: gaps, reflections, tremble. All windows are in seconds and millimetres, never
-in samples.
+"""From a recording to a clean motion: gaps, reflections, tremble. All windows come from the drawing itself: from how
+long its hand needs for 2 % of it. So a slower or larger drawing is cleaned as the same one, only slower or larger.
 """
 
 # numpy and scipy leave many results untyped: what leaves a function here is typed by its signature.
@@ -14,15 +14,17 @@ from numpy.typing import NDArray
 from models.demonstration import Bools, Demonstration, Floats
 from models.despiking import reflections
 from models.errors import UnusableDemonstration
-from models.geometry import diagonal, norms, ranked
+from models.geometry import diagonal, middle, norms, ranked, usual_size
 
 LEAST_SAMPLES = 4
 MOST_SAMPLES = 20_000
-FILTER_REACH = 0.02
-LONGEST_BRIDGE = 0.3
-WIDEST_BRIDGE = 0.05
+CROSSED = 0.02
+LEAST_GAP = 8
+WIDEST_BRIDGE = 0.1
 SHORTEST_MOTION = 1e-3
-FINEST_STEP = 5e-3
+FINEST_STEP = 0.1
+STRIDES = 128
+QUICKEST = 0.15
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,7 +33,8 @@ class CleanMotion:
 
     ``times`` (n,) in s; ``points`` (n, d) in m; ``triggers`` (n,); ``known`` (n,): False inside gaps too long to
     bridge; ``orientations`` (n, 4) or None; ``used`` (r,): which raw samples are neither lost, struck nor reflections;
-    ``gap``: the longest stretch in s that is not known.
+    ``gap``: the longest stretch in s that is not known; ``crossing``: in how many s this hand crosses 2 % of the
+    drawing.
     """
 
     demonstration_id: str
@@ -42,6 +45,7 @@ class CleanMotion:
     orientations: Floats | None
     used: Bools
     gap: float
+    crossing: float
 
 
 def check(demonstration: Demonstration) -> None:
@@ -73,9 +77,9 @@ def check(demonstration: Demonstration) -> None:
 def clean(demonstration: Demonstration, struck: frozenset[int], filter_window: float, despiking: bool) -> CleanMotion:
     """Return the recording bridged and smoothed by a moving average of ``filter_window`` s.
 
-    With ``despiking`` reflections are taken out first, recordings faster than 200 samples a second are thinned by
-    medians, and
-    the filter is never longer than the hand needs for 2 % of the drawing, so that fast people keep their corners.
+    With ``despiking`` reflections are taken out first, recordings of more samples than ten to 2 % of the drawing are
+    thinned by medians, and the filter is never longer than the hand needs for 2 % of the drawing (zero: just so long),
+    so that fast people keep their corners.
     """
     check(demonstration)
     times = demonstration.times - demonstration.times[0]
@@ -88,9 +92,10 @@ def clean(demonstration: Demonstration, struck: frozenset[int], filter_window: f
     seen, places = times[kept], _rows(points, usable)
     step = float(ranked(np.diff(seen), 0.5))
     if despiking:
-        block = int(FINEST_STEP / step)
+        crossing = _crossing(seen, places, usual_size(_some(places)))
+        block = int(FINEST_STEP * crossing / step)
         middles, medians = _thinned(seen, places, block)
-        wrong = reflections(middles, medians)
+        wrong = reflections(middles, medians, crossing)
         if block > 1 or wrong.any():
             usable[kept[np.repeat(wrong, _block_sizes(len(kept), block))]] = False
             seen, places = middles[~wrong], _rows(medians, ~wrong)
@@ -100,8 +105,9 @@ def clean(demonstration: Demonstration, struck: frozenset[int], filter_window: f
     count = max(LEAST_SAMPLES, round((seen[-1] - seen[0]) / step) + 1)
     grid = np.linspace(seen[0], seen[-1], min(count, MOST_SAMPLES))
     even = _resampled(seen, places, grid)
-    if despiking and diagonal(even) > 0:
-        filter_window = min(filter_window, _crossing_time(grid, even))
+    crossing = _crossing(grid, even, diagonal(even))
+    if despiking:
+        filter_window = min(filter_window or crossing, crossing)
     smooth = moving_average(even, round(filter_window * (len(grid) - 1) / (grid[-1] - grid[0])))
     if diagonal(smooth) < SHORTEST_MOTION:
         raise UnusableDemonstration(
@@ -117,6 +123,7 @@ def clean(demonstration: Demonstration, struck: frozenset[int], filter_window: f
         _turned(times[usable], demonstration.orientations, usable, grid),
         usable,
         gap,
+        crossing,
     )
 
 
@@ -131,18 +138,12 @@ def _thinned(times: Floats, points: Floats, block: int) -> tuple[Floats, Floats]
         return times, points
     whole = len(times) // block * block
     middles = np.sum([times[first:whole:block] for first in range(block)], axis=0) / block
-    medians = _medians(points.T[:, :whole].reshape(points.shape[1], -1, block))
+    medians = middle(points[:whole].reshape(-1, block, points.shape[1]))
     if whole < len(times):
         middles = np.append(middles, times[whole:].mean())
-        medians = np.concatenate([medians, _medians(points.T[:, None, whole:])], axis=1)
+        medians = np.concatenate([medians, middle(points[None, whole:])])
     middles[0], middles[-1] = times[0], times[-1]
-    return middles, medians.T
-
-
-def _medians(values: Floats) -> Floats:
-    """Return the medians (...,) of values (..., k): numpy's own takes twice as long over a short last axis."""
-    ordered, count = np.sort(values, axis=-1), values.shape[-1]
-    return 0.5 * (ordered[..., (count - 1) // 2] + ordered[..., count // 2])
+    return middles, np.asfortranarray(medians)
 
 
 def _block_sizes(count: int, block: int) -> NDArray[np.int64]:
@@ -191,10 +192,10 @@ def continuous(quaternions: Floats) -> Floats:
 def _without_gaps(times: Floats, points: Floats, grid: Floats) -> tuple[Bools, float]:
     """Return where on the grid (n,) the motion is known, and the longest gap in s that is not bridged.
 
-    A gap is bridged if it is short, or if the hand hardly moved meanwhile: pens send nothing while they rest.
+    A gap is bridged if the hand hardly moved meanwhile: pens send nothing while they rest.
     """
     spans = np.diff(times)
-    long = np.flatnonzero(spans > max(LONGEST_BRIDGE, 8.0 * float(ranked(spans, 0.5))))
+    long = np.flatnonzero(spans > LEAST_GAP * float(ranked(spans, 0.5)))
     wide = long[norms(points[long + 1] - points[long]) > WIDEST_BRIDGE * diagonal(points)] if len(long) else long
     known = np.ones(len(grid), dtype=bool)
     for gap in wide:
@@ -202,13 +203,21 @@ def _without_gaps(times: Floats, points: Floats, grid: Floats) -> tuple[Bools, f
     return known, float(spans[wide].max(initial=0.0))
 
 
-def _crossing_time(times: Floats, points: Floats) -> float:
-    """Return the time in s in which the hand usually crosses 2 % of the drawing: a longer filter would cut its
-    corners.
+def _some(points: Floats) -> Floats:
+    """Return about 128 of values (n, ...), evenly chosen."""
+    return points[:: max(1, len(points) // STRIDES)]
+
+
+def _crossing(times: Floats, points: Floats, size: float) -> float:
+    """Return the time in s in which the hand crosses 2 % of a drawing of this size, at the pace at which it goes half
+    of its way: rests do not lower it. It is measured over 128 strides, so that trembling is no pace; the quickest
+    strides may be reflections.
     """
-    lengths = norms(np.diff(points, axis=0))
-    usual = float(ranked(lengths[lengths > 0], 0.5)) / float(times[1] - times[0])
-    return FILTER_REACH * diagonal(points) / usual
+    paces = np.sort(norms(np.diff(_some(points), axis=0)) / np.diff(_some(times)))
+    paces = paces[: max(1, round((1.0 - QUICKEST) * len(paces)))]
+    gone = np.cumsum(paces)
+    usual = float(paces[int(np.searchsorted(gone, 0.5 * gone[-1]))])
+    return CROSSED * size / usual if usual > 0 else float(times[-1] - times[0])
 
 
 def _resampled(times: Floats, values: Floats, grid: Floats) -> Floats:

@@ -208,14 +208,8 @@ def _strided(one: Demonstration, edits: Edits) -> tuple[Demonstration, frozenset
 def _thinned(motion: CleanMotion, count: int) -> CleanMotion:
     """Return a motion at ``count`` even instants of its own time, without gaps and without orientation."""
     grid = np.linspace(motion.times[0], motion.times[-1], count)
+    points = at(grid, motion.times, motion.points)
     everything = np.ones(count, dtype=bool)
-    return CleanMotion(
-        motion.demonstration_id,
-        grid,
-        at(grid, motion.times, motion.points),
-        everything,
-        everything,
-        None,
-        everything,
-        0.0,
+    return replace(
+        motion, times=grid, points=points, triggers=everything, known=everything, used=everything, orientations=None
     )

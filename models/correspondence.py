@@ -11,6 +11,7 @@ import numpy as np
 
 from models.cleaning import CleanMotion
 from models.demonstration import Floats
+from models.findings import Code, Finding
 from models.mixture import Mixture
 from models.motion import Clock
 from models.phase import at
@@ -56,11 +57,12 @@ def between(values: Floats, where: Floats) -> Floats:
 
 @dataclass(frozen=True, slots=True)
 class Remark:
-    """What is to be said of one motion: ``place`` 0..1 on the path, ``size`` in m."""
+    """What is to be said of one motion: ``place`` 0..1 on the path, ``size`` in m, ``code`` for programs."""
 
     reason: str
     place: float | None = None
     size: float | None = None
+    code: Code = ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,8 +70,9 @@ class Fitted:
     """A mixture and the demonstrations behind it.
 
     ``rows`` (u,): which of the motions given are in ``aligned``; ``phases`` (n,): 0..1, of its instants.
-    ``left_out``, ``in_part`` and ``remarks``: what is to be said of motions, by their index; ``pauses`` and
-    ``extras``: where they stood still, and what they drew that the others did not, place 0..1 on the path.
+    ``left_out``, ``in_part`` and ``remarks``: what is to be said of motions, by their index; ``findings``: of them all;
+    ``pauses`` and ``extras``: where they stood still, and what they drew that the others did not, place 0..1 on the
+    path.
     """
 
     mixture: Mixture
@@ -82,7 +85,7 @@ class Fitted:
     left_out: dict[int, Remark]
     in_part: dict[int, Remark]
     remarks: dict[int, Remark]
-    notes: tuple[str, ...]
+    findings: tuple[Finding, ...]
     pauses: Mapping[int, tuple[Pause, ...]] = field(default_factory=dict[int, tuple[Pause, ...]])
     extras: Mapping[int, tuple[Extra, ...]] = field(default_factory=dict[int, tuple[Extra, ...]])
 

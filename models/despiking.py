@@ -5,35 +5,36 @@
 # pyright: reportMissingTypeStubs=false, reportAttributeAccessIssue=false
 
 import numpy as np
-from scipy.ndimage import median_filter
+from numpy.typing import NDArray
 
 from models.demonstration import Bools, Floats
-from models.geometry import norms, ranked
+from models.geometry import norms, ranked, usual_size
 
-WINDOW = 0.15
+LEAST_REACH = 7  # samples to either side: bursts of reflections last up to six
 PASSES = 4
-FLOOR = 0.5e-3
-DEVIATION_FROM_MAD = 1.4826
+DEVIATION_FROM_MAD = 1.4826  # of a normal distribution
 BRISK = 0.9
 JUMP = 8.0
 JUMP_REACH = 0.015
 LOOK_BACK = 50
 
+Indices = NDArray[np.int64]
 
-def reflections(times: Floats, points: Floats) -> Bools:
-    """Return which samples (n,) are no positions of the hand: off its track, or off the median of their neighbours.
 
-    Hampel's test, over all axes together: a sample is a reflection if it is further from the running median (0.15 s)
-    than
-    three deviations (from the running median of those distances), than 0.5 mm and than a brisk hand comes in that time.
+def reflections(times: Floats, points: Floats, crossing: float) -> Bools:
+    """Return which samples (n,) are no positions of the hand: off its track, or off its neighbours.
+
+    Hampel's test, on distances, so that it sees no axes: a sample is a reflection if half of its neighbours (within
+    ``crossing`` s, seven samples at least, to either side) are further away than a brisk hand comes in that time, and
+    than three deviations by what is usual among them.
     """
     found = _off_the_track(times, points)
     for _ in range(PASSES):
         kept = np.flatnonzero(~found)
         if len(kept) < 8:
             break
-        off = _off_the_median(times[kept], points[kept])
-        if not off.any():
+        off = _off_the_neighbours(times[kept], points[kept], crossing)
+        if not len(off):
             break
         found[kept[off]] = True
     return found
@@ -47,8 +48,7 @@ def _off_the_track(times: Floats, points: Floats) -> Bools:
     spans = np.diff(times)
     speeds = norms(np.diff(points, axis=0)) / spans
     fastest = JUMP * float(ranked(speeds, BRISK))
-    low, high = ranked(points, 0.05), ranked(points, 0.95)
-    slack = JUMP_REACH * float(norms(high - low))
+    slack = JUMP_REACH * usual_size(points)
     starts = np.concatenate([[0], np.flatnonzero(speeds * spans > fastest * spans + slack) + 1])
     ends = np.append(starts[1:], len(points)) - 1
     if len(starts) == 1:
@@ -70,15 +70,37 @@ def _off_the_track(times: Floats, points: Floats) -> Bools:
     return found
 
 
-def _off_the_median(times: Floats, points: Floats) -> Bools:
-    half = max(2, round(0.5 * WINDOW / float(ranked(np.diff(times), 0.5))))
-    window = 2 * min(half, (len(points) - 1) // 2) + 1
-    middle = np.stack([median_filter(axis, size=window, mode="nearest") for axis in points.T]).T
-    away = norms(points - middle)
-    speeds = norms(np.diff(points, axis=0)) / np.diff(times)
-    reach = 0.5 * WINDOW * float(ranked(speeds, BRISK))
-    off: Bools = np.asarray(away > max(FLOOR, reach))
-    if not off.any():
-        return off
-    usual = DEVIATION_FROM_MAD * median_filter(away, size=window, mode="nearest")
-    return np.asarray(off & (away > 3.0 * usual))
+def _off_the_neighbours(times: Floats, points: Floats, crossing: float) -> Indices:
+    """Return the indices of the samples that are off their neighbours.
+
+    Who is off has gone a longer way than a brisk hand's within the window: only those are looked at closely.
+    """
+    step = float(ranked(np.diff(times), 0.5))
+    half = min(max(LEAST_REACH, round(crossing / step)), (len(points) - 1) // 2)
+    lengths = norms(np.diff(points, axis=0))
+    reach = half * step * float(ranked(lengths / np.diff(times), BRISK))
+    way = np.concatenate([[0.0], np.cumsum(lengths)])
+    index = np.arange(len(points))
+    low, high = np.maximum(index - half, 0), np.minimum(index + half, len(points) - 1)
+    suspects = np.flatnonzero(np.maximum(way - way[low], way[high] - way) > reach)
+    away = _usual_distance(points, suspects, half)
+    suspects = suspects[away > reach]
+    if not len(suspects):
+        return suspects
+    among = np.unique(np.clip(suspects[:, None] + np.arange(-half, half + 1), 0, len(points) - 1))
+    every = np.empty(len(points))
+    every[among] = _usual_distance(points, among, half)
+    usual = ranked(every[_window(suspects, half, len(points))].T, 0.5)
+    return suspects[every[suspects] > 3.0 * DEVIATION_FROM_MAD * usual]
+
+
+def _window(centres: Indices, half: int, count: int) -> Indices:
+    """Return the samples (k, 2 half + 1) about each centre (k,); at the ends the window stays inside."""
+    first = np.clip(centres - half, 0, count - 2 * half - 1)
+    return first[:, None] + np.arange(2 * half + 1)
+
+
+def _usual_distance(points: Floats, centres: Indices, half: int) -> Floats:
+    """Return the median distance (k,) in m of the samples about each centre from it."""
+    columns = [axis[_window(centres, half, len(points))] - axis[centres, None] for axis in points.T]
+    return np.sqrt(ranked(sum(column * column for column in columns).T, 0.5))

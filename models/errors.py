@@ -1,5 +1,7 @@
 """What can be wrong with demonstrations, options and models, each with what to do about it."""
 
+from models.findings import Finding
+
 
 class SkillError(Exception):
     """A demonstration, an option or a model that cannot be used. The message is one sentence for an operator.
@@ -31,7 +33,18 @@ class UnusableDemonstration(SkillError):
 
 
 class MixedDemonstrations(SkillError):
-    """Recordings that do not belong together: two and three dimensions, metres and millimetres, different shapes."""
+    """Recordings that do not belong together: two and three dimensions, metres and millimetres, different shapes.
+
+    ``finding``: which of them, where that is known.
+    """
+
+    def __init__(self, sentence: str, finding: Finding | None = None) -> None:
+        super().__init__(sentence)
+        self.finding = finding
+
+    def __reduce__(self) -> tuple[type["MixedDemonstrations"], tuple[str, Finding | None]]:
+        """Cross process borders whole."""
+        return type(self), (str(self), self.finding)
 
 
 class UnlikelyUnits(SkillError):

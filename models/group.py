@@ -20,7 +20,7 @@ from scipy.ndimage import gaussian_filter1d
 from models.alignment import Indices, medoid, warp, warp_fast
 from models.cleaning import moving_average
 from models.demonstration import Bools, Floats
-from models.geometry import diagonal, norms
+from models.geometry import diagonal, middle, norms
 from models.phase import arc_lengths, at, corners
 
 MEDOID_POINTS = 64
@@ -63,18 +63,26 @@ def directions(curves: Floats) -> Floats:
     """Return the unit directions (..., n, d) in which curves (..., n, d) move, over 2 % of their length."""
     smooth = gaussian_filter1d(curves, DIRECTION_WIDTH * curves.shape[-2], axis=-2, mode="nearest")
     moves = np.gradient(smooth, axis=-2)
-    still = 1e-9 * norms(np.ptp(curves, axis=-2))[..., None] + 1e-300
+    away = norms(curves - curves.mean(axis=-2, keepdims=True))
+    still = 1e-9 * away.max(axis=-1)[..., None] + 1e-300
     return moves / np.maximum(norms(moves), still)[..., None]
 
 
 def reference_of(curves: Floats) -> int:
-    """Return which of the curves (u, n, d) is nearest to the others: the medoid, of 24 evenly chosen ones if there
-    are more.
-    """
-    count, points = curves.shape[:2]
-    chosen = np.unique(np.linspace(0, count - 1, min(count, MEDOID_CANDIDATES)).round().astype(np.int64))
-    coarse = np.linspace(0, points - 1, MEDOID_POINTS).round().astype(np.int64)
+    """Return which of the curves (u, n, d) is nearest to the others: the medoid, of 24 if there are more."""
+    chosen = some_of(curves, MEDOID_CANDIDATES)
+    coarse = np.linspace(0, curves.shape[1] - 1, MEDOID_POINTS).round().astype(np.int64)
     return int(chosen[medoid(curves[chosen][:, coarse])])
+
+
+def some_of(curves: Floats, most: int) -> Indices:
+    """Return at most so many of the curves (u, n, d), evenly chosen from short to long: the same in whatever order
+    they come.
+    """
+    if len(curves) <= most:
+        return np.arange(len(curves))
+    by_length = np.argsort(norms(np.diff(curves, axis=1)).sum(axis=1), kind="stable")
+    return by_length[np.linspace(0, len(curves) - 1, most).round().astype(np.int64)]
 
 
 def fitted_to(curves: Floats, positions: Floats, shape: Floats, weights: Floats) -> Floats:
@@ -135,6 +143,12 @@ def skips(positions: Floats, points: int) -> Bools:
     return (positions[..., reach:] - positions[..., :-reach]) / (points - 1.0) > LEAST_EXTRA + SKIPPED_IN
 
 
+def touched(skipped: Bools, points: int, low: int, high: int) -> Bools:
+    """Return who (u,) skips (u, points - reach), as ``skips`` says, somewhere between two instants of the shape."""
+    reach = points - skipped.shape[1]
+    return np.asarray(skipped[:, max(0, low - reach + 1) : high].any(axis=1))
+
+
 def _by_length(positions: Floats, shape: Floats) -> Floats:
     """Return positions (u, n) that pass each edge of the shape (n, d) evenly, by the drawing's own length.
 
@@ -142,8 +156,8 @@ def _by_length(positions: Floats, shape: Floats) -> Floats:
     as if all had meant it. So a warp counts within 5 % of the shape from a corner; between them, length does, but where
     a drawing has a stretch that the others do not have.
     """
-    positions = positions.copy()
-    count = len(shape)
+    positions, count = positions.copy(), len(shape)
+    skipped = skips(positions, count)
     beside = round(BESIDE_CORNER * count)
     found = corners(moving_average(shape, SMOOTH), CORNER * diagonal(shape))
     for first, last in pairwise(found):
@@ -151,7 +165,7 @@ def _by_length(positions: Floats, shape: Floats) -> Floats:
         if high - low < 2 * beside:
             continue
         stretch = positions[:, low : high + 1]
-        whole = np.isfinite(stretch).all(axis=1) & ~skips(stretch, count).any(axis=1)
+        whole = np.isfinite(stretch).all(axis=1) & ~touched(skipped, count, low, high)
         stretch[whole] = np.linspace(stretch[whole, 0], stretch[whole, -1], high - low + 1, axis=1)
     return positions
 
@@ -210,7 +224,7 @@ def _open_sides(curves: Floats, shape: Floats, first: Indices, last: Indices) ->
     covering = last - first >= LEAST_COVER * len(shape)
     sides: list[Bools] = []
     for side, unmatched in ((0, first), (-1, most - last)):
-        away = norms(curves[:, side] - np.median(curves[:, side], axis=0))
+        away = norms(curves[:, side] - middle(curves[:, side]))
         limit = max(OPEN_DISTANCE * size, OPEN_SPREAD * float(np.median(away)))
         sides.append(covering & (away > limit) & (unmatched > OPEN_PHASE * most))
     return sides[0], sides[1]

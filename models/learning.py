@@ -9,7 +9,7 @@ and ``models.paper``.
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import cache
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from threadpoolctl import ThreadpoolController
@@ -20,6 +20,7 @@ from models.correspondence import Fitted, Progress, Remark
 from models.demonstration import Demonstration, Edits, Floats
 from models.errors import MixedDemonstrations, SkillError, TooFewDemonstrations, UnknownDemonstration, UnlikelyUnits
 from models.evaluation import smoothness
+from models.findings import Finding
 from models.geometry import diagonal, norms
 from models.group import mean_of
 from models.motion import Motion
@@ -30,7 +31,6 @@ from models.recommended import fit_recommended
 from models.report import (
     AlignedDemonstration,
     DemonstrationError,
-    Fault,
     LearnedMotion,
     LearningReport,
     Verdict,
@@ -110,8 +110,9 @@ def _learn(
             continue
         try:
             struck = edits.struck.get(name, frozenset())
-            window = options.filter_window or FILTER_WINDOW
-            motions[index] = clean(demonstration, struck, window, options.preset != "paper")
+            published = options.preset == "paper"
+            window = options.filter_window or (FILTER_WINDOW if published else 0.0)
+            motions[index] = clean(demonstration, struck, window, not published)
         except SkillError as error:
             verdicts[index] = _left_out(name, str(error), "invalid")
     _check_units(motions, verdicts)
@@ -151,9 +152,9 @@ def _learn(
     )
     every = tuple(verdicts[index] for index in range(len(demonstrations)))
     names = [demonstrations[index].demonstration_id for index in used]
-    notes = (*fitted.notes, *_orientation_note([motions[index] for index in order]))
+    findings = (*fitted.findings, *_orientation_finding([motions[index] for index in order]))
     everyone = [motions[index].demonstration_id for index in order]
-    report = _report(motion, replace(fitted, notes=notes), everyone, names, every, options)
+    report = _report(motion, replace(fitted, findings=findings), everyone, names, every, options)
     tell(0.95, "comparing")
     if compare and options.preset != "paper":
         window = options.filter_window or FILTER_WINDOW
@@ -196,21 +197,21 @@ def _check_edits(demonstrations: Sequence[Demonstration], edits: Edits) -> None:
             raise UnknownDemonstration(f"demonstration {name!r} has samples 0 to {sizes[name] - 1}: choose among them")
 
 
-def _left_out(name: str, reason: str, fault: Fault) -> Verdict:
-    return Verdict(name, VerdictKind.LEFT_OUT, reason, None, None, fault)
+def _left_out(name: str, reason: str, fault: Literal["invalid", "excluded"]) -> Verdict:
+    return Verdict(name, VerdictKind.LEFT_OUT, reason, None, None, fault, fault)
 
 
 def _verdict(motion: CleanMotion, fitted: Fitted, row: int) -> Verdict:
     name, did = motion.demonstration_id, what_it_did(fitted.pauses.get(row, ()), fitted.extras.get(row, ()))
     if row in fitted.left_out:
         remark = fitted.left_out[row]
-        return Verdict(name, VerdictKind.LEFT_OUT, remark.reason, remark.place, remark.size, "odd")
+        return Verdict(name, VerdictKind.LEFT_OUT, remark.reason, remark.place, remark.size, "odd", remark.code)
     if row in fitted.in_part:
         remark = fitted.in_part[row]
         reason = f"{remark.reason}; {did.reason}" if did else remark.reason
-        return Verdict(name, VerdictKind.USED_IN_PART, reason, remark.place, remark.size, "")
+        return Verdict(name, VerdictKind.USED_IN_PART, reason, remark.place, remark.size, "", remark.code)
     remark = fitted.remarks.get(row) or did or Remark("")
-    return Verdict(name, VerdictKind.USED, remark.reason, remark.place, remark.size, "")
+    return Verdict(name, VerdictKind.USED, remark.reason, remark.place, remark.size, "", remark.code)
 
 
 def _check_units(motions: dict[int, CleanMotion], verdicts: dict[int, Verdict]) -> None:
@@ -248,15 +249,16 @@ def _raw_phases(demonstration: Demonstration, motion: CleanMotion, times: Floats
     return np.where(motion.used, found, np.nan)
 
 
-def _orientation_note(motions: Sequence[CleanMotion]) -> tuple[str, ...]:
+def _orientation_finding(motions: Sequence[CleanMotion]) -> tuple[Finding, ...]:
     """Return what is to be said where only some of the motions carry the tool's orientation."""
     without = [motion.demonstration_id for motion in motions if motion.orientations is None]
     if not without or len(without) == len(motions):
         return ()
-    return (
+    words = (
         f"{len(without)} of {len(motions)} demonstrations carry no tool orientation ({', '.join(without[:3])}), so "
-        "none was learned: record it in all of them, or exclude those without",
+        "none was learned: record it in all of them, or exclude those without"
     )
+    return (Finding("without-orientation", words, people=tuple(without)),)
 
 
 def _report(
@@ -291,7 +293,8 @@ def _report(
         smoothness=smoothness(motion.points_at(np.linspace(0.0, 1.0, 300))),
         verdicts=verdicts,
         covariance_rule=motion.covariance_rule,
-        notes=fitted.notes,
+        notes=tuple(finding.sentence for finding in fitted.findings),
+        findings=fitted.findings,
         options=asdict(options),
         pauses=_told(fitted.pauses, everyone),
         extras=_told(fitted.extras, everyone),

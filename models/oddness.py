@@ -9,7 +9,7 @@ import numpy as np
 from models.alignment import costs, warp
 from models.correspondence import Remark
 from models.demonstration import Floats
-from models.geometry import diagonal, norms
+from models.geometry import diagonal, middle, norms
 from models.group import directions, mean_of
 from models.phase import arc_lengths
 from models.placing import laid_upon
@@ -36,10 +36,10 @@ def first_pass(curves: Floats) -> dict[int, int]:
     found: dict[int, int] = {}
     if count < 3:
         return found
-    middle = curves[int(np.abs(lengths - usual).argmin())]
+    typical = curves[int(np.abs(lengths - usual).argmin())]
     for index in np.flatnonzero(lengths > TWICE * usual):
-        part = warp(curves[index], middle[None], open_end=np.ones(1, dtype=bool))
-        whole = costs(middle[None], curves[index][None])[0] / points
+        part = warp(curves[index], typical[None], open_end=np.ones(1, dtype=bool))
+        whole = costs(typical[None], curves[index][None])[0] / points
         if part.last[0] < points / TWICE and part.costs[0] < 0.5 * whole:
             found[int(index)] = int(part.last[0])
     return found
@@ -89,10 +89,10 @@ def odd_ones(points: Floats, weights: Floats) -> dict[int, Remark]:
     count, instants = points.shape[:2]
     if count < 3:
         return {}
-    middle = _median(points, weights)
-    offsets = _across(points, middle)
-    ratio = _ratios(offsets, middle)
-    placed = _ratios(_across(laid_upon(points, middle), middle), middle).max(axis=1)
+    usual = _median(points, weights)
+    offsets = _across(points, usual)
+    ratio = _ratios(offsets, usual)
+    placed = _ratios(_across(laid_upon(points, usual), usual), usual).max(axis=1)
     worst = np.minimum(ratio.max(axis=1), np.maximum(placed, ratio.max(axis=1) / PLACED))
     most = min(count - 2, int((1.0 - KEPT) * count))
     suspects = [int(row) for row in np.argsort(-worst, kind="stable")[:most] if worst[row] > FAR]
@@ -104,7 +104,7 @@ def odd_ones(points: Floats, weights: Floats) -> dict[int, Remark]:
         offset = np.nanmean(offsets[row, start : start + width], axis=0)
         size = float(np.sqrt((offset * offset).sum()))
         reason = f"{place:.2f} of the path: {1e3 * size:.0f} mm {_side(offset)} the others"
-        found[row] = Remark(reason, place, size)
+        found[row] = Remark(reason, place, size, "off")
     return found
 
 
@@ -119,14 +119,14 @@ def wavering(points: Floats, mean: Floats) -> float:
     return float(np.sqrt((squares[several] / (count[several] * (count[several] - 1.0))).mean()))
 
 
-def _across(points: Floats, middle: Floats) -> Floats:
+def _across(points: Floats, usual: Floats) -> Floats:
     """Return the offsets (u, n, d) of motions (u, n, d) from the median motion (n, d), across the path only."""
-    ahead = directions(middle)
-    offsets = points - middle
+    ahead = directions(usual)
+    offsets = points - usual
     return offsets - (offsets * ahead).sum(axis=2, keepdims=True) * ahead
 
 
-def _ratios(offsets: Floats, middle: Floats) -> Floats:
+def _ratios(offsets: Floats, path: Floats) -> Floats:
     """Return, for each motion and each 5 % of the path, its mean distance by the usual one there: shape (u, n - w + 1).
 
     Usual is the median motion's, but 70 % of the motions' usual worst and 3 % of the diagonal by 3.5 at least.
@@ -136,7 +136,7 @@ def _ratios(offsets: Floats, middle: Floats) -> Floats:
     sums = np.cumsum(np.concatenate([np.zeros((len(away), 1)), away], axis=1), axis=1)
     windows = (sums[:, width:] - sums[:, :-width]) / width
     usual = np.maximum(np.median(windows, axis=0), LEAST_SHARE * float(np.median(windows.max(axis=1))))
-    return windows / np.maximum(usual, LEAST_SIZE / FAR * diagonal(middle))
+    return windows / np.maximum(usual, LEAST_SIZE / FAR * diagonal(path))
 
 
 def _width(instants: int) -> int:
@@ -144,13 +144,10 @@ def _width(instants: int) -> int:
 
 
 def _median(points: Floats, weights: Floats) -> Floats:
-    """Return the median (n, d) of the motions there are at each instant."""
+    """Return the geometric median (n, d) of the motions there are at each instant."""
     nobody = np.asarray(~np.isfinite(points).any(axis=(0, 2)))
     filled = np.where(nobody[None, :, None], mean_of(points, weights), points)
-    ordered = np.sort(filled, axis=0)
-    count = np.isfinite(filled).sum(axis=0, keepdims=True)
-    low, high = (np.take_along_axis(ordered, place, axis=0)[0] for place in ((count - 1) // 2, count // 2))
-    return 0.5 * (low + high)
+    return middle(filled.transpose(1, 0, 2))
 
 
 def _side(offset: Floats) -> str:

@@ -10,6 +10,8 @@ two arrays with the priors' formula gets another path than the mixture was fitte
 # pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
 # pyright: reportMissingTypeStubs=false, reportAttributeAccessIssue=false
 
+from dataclasses import replace
+
 import numpy as np
 
 from models.alignment import warp, warp_fast
@@ -81,14 +83,4 @@ def _to_longest(motions: list[CleanMotion], method: str, radius: int) -> tuple[C
 
 def _known(motion: CleanMotion) -> CleanMotion:
     """Return the motion with its gaps bridged by straight lines however long: the paper does not speak of gaps."""
-    everything = np.ones(len(motion.times), dtype=bool)
-    return CleanMotion(
-        motion.demonstration_id,
-        motion.times,
-        motion.points,
-        motion.triggers,
-        everything,
-        motion.orientations,
-        motion.used,
-        motion.gap,
-    )
+    return replace(motion, known=np.ones(len(motion.times), dtype=bool))

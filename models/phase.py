@@ -11,7 +11,7 @@ from models.demonstration import Floats
 from models.geometry import norms, ranked
 
 RESTING = 0.1
-LENGTH_WINDOW = 0.15
+LENGTH_WINDOW = 2.0
 
 
 def travelled(motion: CleanMotion) -> Floats:
@@ -20,7 +20,7 @@ def travelled(motion: CleanMotion) -> Floats:
     Trembling at rest is no way: speeds under a tenth of the median hardly count.
     """
     step = float(motion.times[1] - motion.times[0])
-    smooth = moving_average(motion.points, round(LENGTH_WINDOW / step))
+    smooth = moving_average(motion.points, round(LENGTH_WINDOW * motion.crossing / step))
     lengths = norms(np.diff(smooth, axis=0))
     moving = lengths[lengths > 0]
     if not len(moving):

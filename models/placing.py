@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from models.alignment import warp
 from models.cleaning import CleanMotion
 from models.demonstration import Floats
+from models.group import some_of
 from models.phase import at
 
 CANDIDATES = 24
@@ -81,7 +82,7 @@ def laid_freely(motions: list[CleanMotion], curves: Floats) -> list[CleanMotion]
 
 def _central(curves: Floats) -> int:
     """Return which curve the others come nearest to when they are laid upon it."""
-    chosen = np.unique(np.linspace(0, len(curves) - 1, min(len(curves), CANDIDATES)).round().astype(np.int64))
+    chosen = some_of(curves, CANDIDATES)
     rest: list[float] = []
     for candidate in chosen:
         target = curves[candidate]

@@ -117,7 +117,7 @@ def _straight(path: Floats, found: Corners, wavering: float = 0.0, waved: float 
     size = diagonal(path)
     for first, last in pairwise(found):
         edge = path[first : last + 1]
-        length = diagonal(edge[[0, -1]])
+        length = float(norms(edge[-1] - edge[0]))
         limit = max(min(STRAIGHT * size, BOWED * length), min(SURE * wavering, waved * length))
         if from_chord(edge).max() > limit:
             return False

@@ -46,7 +46,7 @@ def fit_recommended(motions: list[CleanMotion], options: LearningOptions, tell: 
     repeated = first_pass(curves)
     for index, end in repeated.items():
         motions[index] = _until(motions[index], float(places[index][end]))
-        in_part[index] = Remark("drawn more than once: the first time is used", None, None)
+        in_part[index] = Remark("drawn more than once: the first time is used", code="drawn-twice")
     if repeated:
         curves, places = _curves(motions)
     if options.place == "free":
@@ -58,7 +58,8 @@ def fit_recommended(motions: list[CleanMotion], options: LearningOptions, tell: 
     if options.reject_outliers:
         left_out.update(others)
         for index in against_direction(curves, typical):
-            left_out[index] = Remark("drawn in the opposite direction: draw it again from the other end", None, None)
+            words = "drawn in the opposite direction: draw it again from the other end"
+            left_out[index] = Remark(words, code="opposite-direction")
         rows = [row for row in rows if row not in left_out]
     typical = reference_of(curves[rows]) if left_out else typical
     group, aligned = _laid(motions, curves, places, rows, typical, options)
@@ -80,7 +81,8 @@ def fit_recommended(motions: list[CleanMotion], options: LearningOptions, tell: 
             in_part[row] = _partly(group, i)
         elif not np.isfinite(aligned.points[i, :, 0]).all():
             place = float(np.flatnonzero(~np.isfinite(aligned.points[i, :, 0]))[0]) / (aligned.points.shape[1] - 1)
-            in_part[row] = Remark(f"the marker was lost at {place:.2f} of the path: used around it", place, None)
+            words = f"the marker was lost at {place:.2f} of the path: used around it"
+            in_part[row] = Remark(words, place, code="marker-lost")
     fit, aligned = _fit(aligned, options)
     duration, times = _timing(aligned)
     mixture = _mixture(fit, aligned, times, options.clock or "path", duration)
@@ -208,7 +210,7 @@ def _partly(group: Group, row: int) -> Remark:
         words.append(f"started at {place:.2f} of the path: used from there")
     if group.early[row]:
         words.append(f"let go at {float(group.last[row]):.2f} of the path: used up to there")
-    return Remark(" and ".join(words), place, None)
+    return Remark(" and ".join(words), place, code="started-late" if group.late[row] else "let-go-early")
 
 
 def _fit(aligned: Correspondence, options: LearningOptions) -> tuple[Fit, Correspondence]:

@@ -11,6 +11,7 @@ from types import MappingProxyType
 from typing import Any, Literal
 
 from models.demonstration import Bools, Floats
+from models.findings import Code, Finding
 from models.motion import Motion
 
 Fault = Literal["", "invalid", "odd", "excluded"]
@@ -26,7 +27,10 @@ class VerdictKind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What became of one demonstration and why. ``place``: phase 0..1 of what is wrong; ``size`` of it in m."""
+    """What became of one demonstration and why, in words and as a ``code``.
+
+    ``place``: phase 0..1 of what is wrong; ``size`` of it in m.
+    """
 
     demonstration_id: str
     kind: VerdictKind
@@ -34,6 +38,7 @@ class Verdict:
     place: float | None
     size: float | None
     fault: Fault
+    code: Code = ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,6 +80,7 @@ class LearningReport:
     ``repeatability_phases``. ``smoothness`` is the log dimensionless jerk of the path at constant speed: nearer to
     zero is smoother. ``paper`` is how the paper's preset does on the same demonstrations (nothing for that preset
     itself), ``previous`` what has changed since the version before, if there was one: see ``models.comparison``.
+    ``findings`` are what is to be known of them all, each with a code; ``notes`` are their sentences.
     ``pauses`` and ``extras`` are what single demonstrations did that the others did not: see ``models.stretches``.
     """
 
@@ -97,6 +103,7 @@ class LearningReport:
     extras: tuple[Mapping[str, Any], ...] = ()
     paper: Mapping[str, Any] | None = None
     previous: Mapping[str, Any] | None = None
+    findings: tuple[Finding, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
         """Return the report as JSON-able values."""
@@ -114,6 +121,7 @@ class LearningReport:
             "verdicts": [{**asdict(verdict), "kind": verdict.kind.value} for verdict in self.verdicts],
             "covariance_rule": self.covariance_rule,
             "notes": list(self.notes),
+            "findings": [asdict(finding) for finding in self.findings],
             "options": dict(self.options),
             "pauses": [dict(pause) for pause in self.pauses],
             "extras": [dict(extra) for extra in self.extras],

@@ -14,7 +14,9 @@ from models.alignment import costs, warp
 from models.correspondence import Remark
 from models.demonstration import Floats
 from models.errors import MixedDemonstrations
+from models.findings import Finding
 from models.geometry import diagonal, norms
+from models.group import some_of
 from models.phase import arc_lengths, at
 from models.wording import another_shape
 
@@ -43,7 +45,7 @@ def other_shapes(names: Sequence[str], curves: Floats) -> dict[int, Remark]:
     Raises MixedDemonstrations, naming the groups, if no shape has a clear majority: six in ten. A part of the shape,
     the shape drawn from the other end, or with a stretch drawn again, is not another one.
     """
-    chosen = np.unique(np.linspace(0, len(curves) - 1, min(len(curves), MOST)).round().astype(np.int64))
+    chosen = some_of(curves, MOST)
     groups, limit = shape_groups(curves[chosen])
     members = [[int(chosen[index]) for index in group] for group in groups]
     if len(groups) > 1 and len(groups[0]) < MAJORITY * len(chosen) and len(groups[1]) >= MINORITY * len(chosen):
@@ -69,17 +71,20 @@ def _refuse(names: Sequence[str], curves: Floats, one: list[int], other: list[in
     """Raise MixedDemonstrations with what the two groups are, unless one only draws a part of the other's shape."""
     if _is_part(curves[one[0]], curves[other[0]]) or _is_part(curves[other[0]], curves[one[0]]):
         return
-    first, second = (_named([names[index] for index in group]) for group in (one, other))
+    here, there = (tuple(sorted(names[index] for index in group)) for group in (one, other))
+    first, second = _named(here), _named(there)
     straight, turned = _apart_from(curves[one[0]], np.stack([curves[other[0]], curves[other[0], ::-1]]))
     if turned < TURNED * straight:
-        raise MixedDemonstrations(
+        words = (
             f"some are drawn from one end ({first}) and some from the other ({second}): "
             "draw one group again in the other direction, or exclude it"
         )
-    raise MixedDemonstrations(
+        raise MixedDemonstrations(words, Finding("two-directions", words, people=there, others=here))
+    words = (
         f"different shapes are mixed, and none has a clear majority: {first}, and {second}: "
         "learn each as a skill of its own, or exclude those that do not belong"
     )
+    raise MixedDemonstrations(words, Finding("two-shapes", words, people=there, others=here))
 
 
 def shape_groups(curves: Floats) -> tuple[Groups, float]:
@@ -98,7 +103,7 @@ def shape_groups(curves: Floats) -> tuple[Groups, float]:
     limit = max(LEAST_APART if count >= FEW else LEAST_APART_OF_FEW, SPREADS * spread)
     labels = fcluster(average(squareform(table, checks=False)), limit, criterion="distance")
     groups = [np.flatnonzero(labels == label) for label in np.unique(labels)]
-    ordered = sorted(groups, key=lambda group: (-len(group), int(group[0])))
+    ordered = sorted(groups, key=lambda group: (-len(group), float(table[np.ix_(group, group)].sum())))
     typical_first = tuple(
         tuple(int(index) for index in group[np.argsort(table[np.ix_(group, group)].sum(axis=1), kind="stable")])
         for group in ordered
@@ -155,6 +160,6 @@ def _worst(typical: Floats, curve: Floats) -> tuple[float, float]:
 
 
 def _named(names: Sequence[str]) -> str:
-    told = ", ".join(sorted(names)[:SHOWN])
+    told = ", ".join(names[:SHOWN])
     more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
     return f"{told}{more}"

@@ -10,7 +10,7 @@ None of it changes the path that is learned (a pause changes the timing); an ope
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d, minimum_filter1d
+from scipy.ndimage import maximum_filter1d
 from scipy.spatial import cKDTree
 
 from models.cleaning import CleanMotion, moving_average
@@ -19,8 +19,9 @@ from models.geometry import diagonal, norms
 from models.group import skips
 from models.phase import LENGTH_WINDOW, arc_lengths
 
-LEAST_PAUSE = 0.5
-WINDOW = 0.25
+LEAST_PAUSE = 0.05
+WINDOW = 3.5
+LOOKED_AT = 4
 STILL = 0.2
 STILL_SIZE = 0.005
 NEAR = 0.06
@@ -31,12 +32,13 @@ class Pause:
     """A stretch in which the hand stood still.
 
     ``start`` and ``duration`` in s of the recording; ``place`` 0..1 on the path. A wait before the first move has
-    place 0, one after the last has place 1.
+    place 0, one after the last has place 1. ``share``: the duration in parts of the whole recording's.
     """
 
     start: float
     duration: float
     place: float
+    share: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,10 +58,11 @@ class Extra:
 
 
 def pauses(motion: CleanMotion, least: float = LEAST_PAUSE) -> tuple[Pause, ...]:
-    """Return where the hand stood still for longer than ``least`` s, in order of time; places are shares of its way.
+    """Return where the hand stood still for longer than a twentieth of the recording (``least`` of it), in order of
+    time; places are shares of its way.
 
-    It stands still while, within a quarter of a second, it stays in a box smaller than 20 % of the way it usually
-    goes in that time, or than 0.5 % of the drawing: slow hands and trembling ones are not pausing ones.
+    It stands still while, within the time in which it crosses 7 % of the drawing, it goes no further than 20 % of the
+    way it usually goes in that time, or than 0.5 % of the drawing: slow hands and trembling ones are not pausing ones.
     """
     still = _still(motion)
     step = float(motion.times[1] - motion.times[0])
@@ -68,9 +71,10 @@ def pauses(motion: CleanMotion, least: float = LEAST_PAUSE) -> tuple[Pause, ...]
     found: list[Pause] = []
     for first, after in zip(turns[::2], turns[1::2], strict=True):
         duration = (after - 1 - first) * step
-        if duration > least:
+        share = float(duration / (motion.times[-1] - motion.times[0]))
+        if share > least:
             place = float(way[first] / way[-1]) if way[-1] > 0 else 0.0
-            found.append(Pause(float(motion.times[first]), float(duration), place))
+            found.append(Pause(float(motion.times[first]), float(duration), place, share))
     return tuple(found)
 
 
@@ -106,19 +110,20 @@ def extras(curve: Floats, positions: Floats, path: Floats, times: Floats) -> tup
 
 
 def _still(motion: CleanMotion) -> Bools:
-    """Return at which samples (n,) the hand stands still: all of a quarter of a second about or beside each."""
+    """Return at which samples (n,) the hand stands still: all of a window about or beside each."""
     step = float(motion.times[1] - motion.times[0])
-    window = 2 * max(1, round(0.5 * WINDOW / step)) + 1
-    if window > len(motion.points):
+    half = max(1, round(0.5 * WINDOW * motion.crossing / step))
+    if 2 * half + 1 > len(motion.points):
         return np.zeros(len(motion.points), dtype=bool)
-    smooth = moving_average(motion.points, round(LENGTH_WINDOW / step))
-    columns = np.ascontiguousarray(smooth.T)
-    highest = maximum_filter1d(columns, window, mode="nearest")
-    lowest = minimum_filter1d(columns, window, mode="nearest")
-    reach = norms((highest - lowest).T)
-    limit = max(STILL * _usual_way(smooth, window), STILL_SIZE * diagonal(motion.points))
-    centres = (reach < limit) & motion.known
-    return np.asarray(maximum_filter1d(centres.astype(np.int8), window, mode="constant") > 0, dtype=bool)
+    smooth = moving_average(motion.points, round(LENGTH_WINDOW * motion.crossing / step))
+    index = np.arange(len(smooth))
+    reach = np.zeros(len(smooth))
+    for offset in np.unique(np.linspace(0, half, LOOKED_AT + 1).round().astype(np.int64)):
+        for beside in (np.maximum(index - offset, 0), np.minimum(index + offset, len(smooth) - 1)):
+            np.maximum(reach, norms(smooth[beside] - smooth), out=reach)
+    limit = max(STILL * _usual_way(smooth, 2 * half + 1), STILL_SIZE * diagonal(motion.points))
+    centres = (2.0 * reach < limit) & motion.known
+    return np.asarray(maximum_filter1d(centres.astype(np.int8), 2 * half + 1, mode="constant") > 0, dtype=bool)
 
 
 def _usual_way(points: Floats, window: int) -> float:

@@ -17,7 +17,7 @@ import numpy as np
 from models.cleaning import CleanMotion
 from models.demonstration import Bools, Floats
 from models.geometry import diagonal
-from models.group import skips
+from models.group import skips, touched
 from models.phase import corners, from_chord
 
 CORNER = 0.02
@@ -72,14 +72,14 @@ def laid_at_tips(
     """
     if not sharp:
         return positions
-    positions = positions.copy()
-    count = positions.shape[1]
+    positions, count = positions.copy(), positions.shape[1]
+    skipped = skips(positions, count)
     borders = [0, *(corner.tip for corner in sharp), count - 1]
     beside = round(BESIDE * count)
     for corner, earlier, later in zip(sharp, borders, borders[2:], strict=False):
         left, right = max(earlier, corner.tip - beside), min(later, corner.tip + beside)
         stretch = positions[:, left : right + 1]
-        whole: Bools = np.asarray(np.isfinite(stretch).all(axis=1) & ~skips(stretch, count).any(axis=1))
+        whole: Bools = np.asarray(np.isfinite(stretch).all(axis=1) & ~touched(skipped, count, left, right))
         turns = positions[:, [max(left, corner.before), min(right, corner.after)]]
         tips = np.full(len(positions), np.nan)
         for row, motion in enumerate(motions):

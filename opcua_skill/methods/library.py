@@ -326,7 +326,8 @@ def _learning_words(
             "reason": fault,
         }
         if verdict is not None:
-            entry.update(verdict=verdict.kind.value, reason=verdict.reason, place=verdict.place, size=verdict.size)
+            entry.update(verdict=verdict.kind.value, reason=verdict.reason, code=verdict.code)
+            entry.update(place=verdict.place, size=verdict.size)
         demonstrations.append(entry)
     quality = description.report if description else {}
     return json.dumps({"state": state, "demonstrations": demonstrations, "quality": quality}, allow_nan=False)

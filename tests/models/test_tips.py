@@ -26,7 +26,7 @@ def drawn(corners: list[tuple[float, float]], name: str, seconds: float = 5.0) -
 def motion(points: np.ndarray) -> CleanMotion:
     count = len(points)
     everywhere = np.ones(count, dtype=bool)
-    return CleanMotion("p", np.arange(count) / RATE, points, everywhere, everywhere, None, everywhere, 0.0)
+    return CleanMotion("p", np.arange(count) / RATE, points, everywhere, everywhere, None, everywhere, 0.0, 0.05)
 
 
 @pytest.mark.parametrize("apart", [0.5, 8.0, 25.0])
