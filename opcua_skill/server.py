@@ -27,6 +27,7 @@ from opcua_skill.methods.library import LibraryMethods
 from opcua_skill.methods.queue import QueueMethods
 from opcua_skill.methods.recorder import RecorderMethods
 from opcua_skill.methods.refusals import Code
+from opcua_skill.methods.sessions import SessionMethods
 from opcua_skill.methods.values import audit_value
 from opcua_skill.methods.workstation import WorkstationMethods
 from opcua_skill.nodes.audit import add_audit
@@ -35,6 +36,7 @@ from opcua_skill.nodes.homing import add_homing
 from opcua_skill.nodes.library import add_library
 from opcua_skill.nodes.queue import add_queue
 from opcua_skill.nodes.recorder import RecorderNodes, add_recorder
+from opcua_skill.nodes.sessions import add_sessions
 from opcua_skill.nodes.skills import SkillNodes
 from opcua_skill.nodes.tree import Tree, number, numbers, text
 from opcua_skill.nodes.types import add_types
@@ -45,7 +47,9 @@ from opcua_skill.stack.access import caller
 from opcua_skill.stack.audit import SignInRecord, WriteRecord
 from opcua_skill.stack.calls import CallRecord, Refused
 from opcua_skill.stack.server import SkillServer
+from opcua_skill.stack.sessions import Session
 from opcua_skill.stack.transport import ReservedPort
+from opcua_skill.standing import Standing, told_of
 from opcua_skill.tidings import Tidings
 from sim.arm import ArmError, ArmModel, ArmState
 from sim.arms import load
@@ -86,6 +90,7 @@ class SkillServerApp:
         self.server: SkillServer
         self._authenticator: Authenticator
         self._health: Health
+        self._standing: Standing
         self._tree: Tree
         self._methods: LibraryMethods
         self._tidings: Tidings
@@ -139,6 +144,7 @@ class SkillServerApp:
             await self.server.start(port)
             undo.pop_all()
         self._health.start()
+        self._standing.start()
         self._showing = asyncio.create_task(self._show_state(), name="show state of arms")
 
     async def _build(self) -> None:
@@ -181,6 +187,9 @@ class SkillServerApp:
         await add_library(self._tree, methods, settings.limits, largest, self.insecure)
         await add_edits(self._tree, EditMethods(self.library, self.jobs, settings))
         await add_audit(self._tree, AuditMethods(self.library))
+        iserver = self.server.iserver
+        self._standing = Standing(iserver, self.library, self._authenticator, self._record_standing)
+        await add_sessions(self._tree, SessionMethods(iserver, iserver.end_session))
 
     async def stop(self) -> None:
         """Stop every motion, then close the endpoint, the workers and the library."""
@@ -188,6 +197,7 @@ class SkillServerApp:
             self._showing.cancel()
             await asyncio.gather(self._showing, return_exceptions=True)
         await self._health.stop()
+        await self._standing.stop()
         await self.jobs.stop()
         await self.server.stop()
         self._authenticator.close()
@@ -274,6 +284,16 @@ class SkillServerApp:
                 status=record.status_name,
             )
         )
+
+    async def _record_standing(self, session: Session, action: str, why: str) -> None:
+        """Write into the audit trail that a session was ended, or goes on with another role, and why."""
+        about = told_of(session)
+        try:
+            await self._audit(
+                AuditEntry("server", "", action, session.session_id.to_string(), about, status="Good", reason=why)
+            )
+        except Exception:
+            _log.exception("%s of %s was not recorded", action, about["User"])
 
     async def _record_write(self, record: WriteRecord) -> None:
         """Write what a variable was told to do, and whether it was, into the audit trail."""

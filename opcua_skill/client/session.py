@@ -68,6 +68,9 @@ class Event:
     progress: float | None
 
 
+SESSION_ENDED = frozenset({ua.StatusCodes.BadSessionClosed, ua.StatusCodes.BadSessionIdInvalid})
+
+
 class Session:
     """One connection. Its requests are served one after another: open a second one to watch a long call."""
 
@@ -225,6 +228,8 @@ class Session:
         try:
             result = await self._send(request)
         except ua.UaStatusCodeError as error:
+            if error.code in SESSION_ENDED:
+                raise Unreachable(f"the server at {self.url} has ended the session of {self.user}") from error
             raise Refused(method, status_name(error.code), "", meaning(error.code)) from error
         except (OSError, TimeoutError) as error:
             raise Unreachable(f"{method} got no answer from {self.url}: {describe(error)}") from error

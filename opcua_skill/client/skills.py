@@ -7,10 +7,11 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from pathlib import Path as FilePath
 
 import numpy as np
+from asyncua import ua
 
 from models.demonstration import Demonstration, Edits
 from opcua_skill.client import wire
-from opcua_skill.client.errors import Refused, TookTooLong
+from opcua_skill.client.errors import ClientError, Refused, TookTooLong
 from opcua_skill.client.session import Event, Session
 from opcua_skill.client.values import (
     AuditEntry,
@@ -18,6 +19,7 @@ from opcua_skill.client.values import (
     Learned,
     LearningOptions,
     Limits,
+    OpenSession,
     Path,
     Recipe,
     Recordings,
@@ -324,6 +326,26 @@ class SkillClient:
             LIBRARY, "GetAuditTrail", Before=wire.uint64(before), Limit=wire.uint32(limit)
         )
         return [wire.audit_entry_in(value) for value in values or ()]
+
+    async def sessions(self) -> list[OpenSession]:
+        """Return who is signed in, the oldest session first."""
+        return [one for one, _ in await self._sessions()]
+
+    async def end_session(self, session_id: str) -> OpenSession:
+        """End the session whose id begins so, and return what it was; raises ClientError unless there is one."""
+        found = [pair for pair in await self._sessions() if session_id and pair[0].session_id.startswith(session_id)]
+        if len(found) != 1:
+            raise ClientError(f"{len(found)} sessions have an id that begins with {session_id!r}")
+        one, node = found[0]
+        await self.session.call(LIBRARY, "EndSession", SessionId=ua.Variant(node, ua.VariantType.NodeId))
+        return one
+
+    async def _sessions(self) -> list[tuple[OpenSession, ua.NodeId]]:
+        told = await self.session.call(LIBRARY, "ListSessions")
+        return [
+            (OpenSession(wire.identifier(node), user, role, program, address, wire.moment(since), idle), node)
+            for node, user, role, program, address, since, idle in zip(*(values or () for values in told), strict=True)
+        ]
 
     @contextlib.asynccontextmanager
     async def events(self) -> AsyncIterator["asyncio.Queue[Event]"]:

@@ -290,6 +290,19 @@ class AuditEntry:
 
 
 @dataclass(frozen=True, slots=True)
+class OpenSession:
+    """Somebody who is signed in: ``session_id`` in hex, ``idle`` in s since the last request."""
+
+    session_id: str
+    user: str
+    role: str
+    client: str
+    address: str
+    since: datetime | None
+    idle: float
+
+
+@dataclass(frozen=True, slots=True)
 class Limits:
     """The library's limits, as a client can read them before it sends; ``max_message_size`` is a call's, in bytes."""
 

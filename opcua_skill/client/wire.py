@@ -73,6 +73,12 @@ def moments(values: Any) -> tuple[datetime, ...]:
     return tuple(one for one in map(moment, values or ()) if one is not None)
 
 
+def identifier(node: ua.NodeId) -> str:
+    """Return the identifier of a node in hex, or as text where it is none of bytes."""
+    value = node.Identifier
+    return value.hex() if isinstance(value, bytes) else str(value)
+
+
 def demonstration_out(structures: Structures, value: Demonstration) -> Any:
     """Return a `DemonstrationDataType`, or a `PoseDemonstrationDataType` where the tool's orientation was recorded.
 

@@ -49,6 +49,7 @@ VERBS = {
     "queue": Verb("queue", "app", "The queue of a workstation: look, release, hold."),
     "users": Verb("users", "app", "Users and their roles, on the data folder of a server."),
     "certificates": Verb("certificates", "app", "Certificates, on the data folder of a server."),
+    "sessions": Verb("sessions", "app", "Sessions of a running server: who is signed in, and ending one."),
     "audit": Verb("audit", "audit", "Show the audit trail of a server, the newest entries first."),
     "bench": Verb(
         "bench", "bench", "Run the benchmarks. Ratios of one run mean something; absolute times depend on the machine."

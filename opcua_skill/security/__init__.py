@@ -8,6 +8,7 @@ from opcua_skill.security.certificates import (
     load_certificate,
     thumbprint,
 )
+from opcua_skill.security.chains import CertificateFault
 from opcua_skill.security.settings import POLICIES, SecuritySettings
 from opcua_skill.security.trust import ListedCertificate, TrustList
 from opcua_skill.security.users import Authenticator, LockOut, StoredUser, UserStore, hash_password
@@ -16,6 +17,7 @@ __all__ = [
     "POLICIES",
     "ApplicationCertificate",
     "Authenticator",
+    "CertificateFault",
     "CertificateUnusable",
     "ListedCertificate",
     "LockOut",

@@ -1,6 +1,7 @@
 """Sign-in with passwords (argon2, off the event loop) and user certificates, and lock-out after failures."""
 
 import asyncio
+import hashlib
 import hmac
 import logging
 import time
@@ -8,10 +9,12 @@ from collections import OrderedDict
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from typing import Protocol
 
 from argon2 import PasswordHasher
 from argon2.exceptions import Argon2Error, InvalidHashError
+from cryptography import x509
 
 from opcua_skill.stack.access import Identity, Peer, Role
 
@@ -78,6 +81,7 @@ class Authenticator:
         self._store = store
         self._lock_out = lock_out or LockOut()
         self._failures: OrderedDict[tuple[str, bytes], list[float]] = OrderedDict()
+        self._renewed: dict[str, str] = {}
         self._threads = ThreadPoolExecutor(max_workers=2, thread_name_prefix="argon2")
 
     async def by_password(self, name: str, password: str, peer: Peer) -> Identity | None:
@@ -98,13 +102,27 @@ class Authenticator:
         if _HASHER.check_needs_rehash(known):
             stronger = await loop.run_in_executor(self._threads, _HASHER.hash, password)
             await self._store.set_password_hash(user.name, stronger)
-        return Identity(user.name, Role(user.role))
+            self._renewed[_mark(user, known)] = known = stronger
+        return Identity(user.name, Role(user.role), _mark(user, known))
+
+    def still(self, identity: Identity, user: StoredUser | None) -> Identity | None:
+        """Return who a signed-in user is by what is stored now; None once removed, or proven with what has changed."""
+        if user is None or user.role not in tuple(Role):
+            return None
+        mark = identity.mark
+        while (stronger := self._renewed.get(mark)) is not None:
+            mark = _mark(user, stronger)
+        certificate = bytes(user.certificate or b"")
+        proofs = [_mark(user, user.password_hash)] if user.password_hash else []
+        if certificate and _valid_now(certificate):
+            proofs.append(_mark(user, certificate.hex()))
+        return Identity(user.name, Role(user.role), mark) if mark in proofs else None
 
     async def by_certificate(self, certificate: bytes, peer: Peer) -> Identity | None:
         """Return the user to whom this certificate (DER) belongs, or None."""
         for user in await self._store.users():
             if user.certificate and hmac.compare_digest(bytes(user.certificate), certificate):
-                return Identity(user.name, Role(user.role))
+                return Identity(user.name, Role(user.role), _mark(user, certificate.hex()))
         log.warning("sign-in by user certificate from %s refused: no user has it", peer)
         return None
 
@@ -124,6 +142,20 @@ class Authenticator:
         self._failures.move_to_end(key)
         while len(self._failures) > 10_000:
             self._failures.popitem(last=False)
+
+
+def _mark(user: StoredUser, proof: str) -> str:
+    """Return what stands for a user and a proof, so that a user made anew under the old name is another one."""
+    made = getattr(user, "created_at", "")
+    return hashlib.sha256(f"{user.name}\0{made}\0{proof}".encode()).hexdigest()
+
+
+def _valid_now(certificate: bytes) -> bool:
+    try:
+        read = x509.load_der_x509_certificate(certificate)
+    except ValueError:
+        return True  # its key was proven at sign-in, whatever it is
+    return read.not_valid_before_utc <= datetime.now(UTC) <= read.not_valid_after_utc
 
 
 def _verify(known: str, password: str) -> bool:

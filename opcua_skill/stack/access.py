@@ -2,7 +2,7 @@
 
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Protocol
 
@@ -27,10 +27,11 @@ class Role(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """A user whose password or certificate has been proven."""
+    """A user whose password or certificate has been proven; ``mark`` stands for what it was proven with."""
 
     name: str
     role: Role
+    mark: str = field(default="", compare=False, repr=False)
 
     def may_hear_of(self, user: str) -> bool:
         """Return whether audit events about a user are for these ears: one's own, and all for engineers and above."""

@@ -79,6 +79,14 @@ def sign_in_event(record: SignInRecord, server_uri: str) -> Event:
     return event
 
 
+def session_ended_event(session_id: ua.NodeId, user: str, message: str, server_uri: str) -> Event:
+    """Return the AuditSessionEvent of a session that the server or an administrator has ended."""
+    event = event_objects.AuditSessionEvent()
+    _fill(event, message, "Session/CloseSession", server_uri, Codes.Good, user)
+    event.add_property("SessionId", session_id, ua.VariantType.NodeId)
+    return event
+
+
 def write_event(record: WriteRecord, server_uri: str) -> Event:
     """Return the AuditWriteUpdateEvent of a write to a variable that commands something (OPC 10000-5, 6.4.26)."""
     event = event_objects.AuditWriteUpdateEvent()

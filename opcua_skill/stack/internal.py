@@ -27,6 +27,7 @@ from opcua_skill.stack.audit import (
     WriteRecord,
     certificate_event,
     claimed,
+    session_ended_event,
     sign_in_event,
     write_event,
 )
@@ -39,6 +40,7 @@ from opcua_skill.stack.subscriptions import Subscription, Subscriptions
 from opcua_skill.stack.values import SERVER, status_name
 from opcua_skill.stack.writing import READABLE, WRITABLE
 
+CLOSING_SECONDS = 0.1
 log = logging.getLogger(__name__)
 
 
@@ -144,6 +146,20 @@ class SkillInternalServer(InternalServer):
     def client_sessions(self) -> list[Session]:
         """Return the sessions of clients, signed in or not yet."""
         return [session for session in self._external_sessions.values() if isinstance(session, Session)]
+
+    async def end_session(self, session: Session, why: str) -> None:
+        """End a client's session, and a moment later its connection: an answer under way still gets out."""
+        user = session.identity.name if session.is_activated() else ""
+        peer = str(session.channel.peer) if session.channel is not None else "?"
+        log.warning("the session of %s from %s is ended: %s", user or "nobody yet", peer, why)
+        processor = session.processor
+        await session.close_session(True)
+        if processor is not None:
+            asyncio.get_running_loop().call_later(CLOSING_SECONDS, processor._transport.close)
+        event = session_ended_event(
+            session.session_id, user, f"the session of {user} was ended: {why}", self.server_uri
+        )
+        await deliver(self, SERVER, event)
 
     def client_subscriptions(self) -> list[Subscription]:
         """Return the subscriptions of clients; the server's own are not among them."""

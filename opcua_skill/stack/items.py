@@ -61,6 +61,11 @@ class Items(MonitoredItemService):
         """Return how many items are switched off."""
         return sum(1 for item in self._monitored_items.values() if item.mode == ua.MonitoringMode.Disabled)
 
+    def watches(self, nodes: Collection[ua.NodeId]) -> bool:
+        """Return whether one of these nodes is watched."""
+        watched = (item.read_value_id for item in self._monitored_items.values())
+        return any(one is not None and one.NodeId in nodes for one in watched)
+
     def __bool__(self) -> bool:
         return True
 

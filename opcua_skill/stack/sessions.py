@@ -63,6 +63,7 @@ class Session(SubscribingSession):
         self.caller = _SERVER_ITSELF
         self.counts = SessionCounts()
         self.closed_by_client = False
+        self.sent_along = b""
         self._browser = Browser(aspace, self.iserver.limits)
         if external:
             self.channel = current_channel.get()
@@ -82,6 +83,8 @@ class Session(SubscribingSession):
         """Answer CreateSession after checking the certificate of the channel, not one the client merely names."""
         await self.iserver.admit_client(self.channel, params)
         result = await super().create_session(params, sockname)
+        if self.channel is not None:
+            self.sent_along = bytes(params.ClientCertificate or b"")[len(self.channel.peer.certificate) :]
         result.MaxRequestMessageSize = self.iserver.limits.largest_message
         self.counts.introduce(params)
         self.iserver.diagnostics.totals.sessions += 1
@@ -104,6 +107,11 @@ class Session(SubscribingSession):
         result.ServerNonce = self.nonce
         result.Results = [status() for _ in params.ClientSoftwareCertificates or []]
         return result
+
+    def change_identity(self, identity: Identity) -> None:
+        """Go on as the same user with another role, from the next call on."""
+        self.user = SignedIn(identity)
+        self.caller = dataclasses.replace(self.caller, role=identity.role)
 
     async def close_session(self, delete_subs: bool = True) -> None:
         """Close the session and everything that hangs on it; a subscription never outlives its session."""

@@ -30,6 +30,7 @@ LIBRARY = {
     "the connection to {url} broke: {x}": "die Verbindung zu {url} brach ab: {x}",
     "the connection to {url} broke while signing in": "die Verbindung zu {url} brach bei der Anmeldung ab",
     "no connection to {url}: {t}": "keine Verbindung zu {url}: {t}",
+    "the server at {url} has ended the session of {user}": "der Server unter {url} hat die Sitzung von {user} beendet",
     "connecting": "wird aufgebaut",
     "{method} got no answer from {url}: {x}": "{method} bekam keine Antwort von {url}: {x}",
     "no answer within {n} s": "keine Antwort innerhalb von {n} s",
