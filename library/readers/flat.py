@@ -6,15 +6,16 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from statistics import NormalDist
 
 import numpy as np
-from scipy.special import ndtri
 
 from library.errors import InvalidValue
 from models.demonstration import Bools, Demonstration, Floats
-from models.despiking import FLOOR, reflections
 from models.geometry import norms
 
+GAUSS = NormalDist()
+LEAST_OFF = 0.5e-3
 TRIES = 400
 JUDGES = 1000
 KEPT = 0.75
@@ -46,6 +47,9 @@ class Plane:
 
 def believable(demonstrations: Sequence[Demonstration]) -> list[Floats]:
     """Return of each demonstration the points (n, d) that were seen and are no reflections."""
+    # Slow to import, and whoever only reads does not need it.
+    from models.despiking import reflections
+
     found: list[Floats] = []
     for one in demonstrations:
         seen = np.isfinite(one.points).all(axis=1)
@@ -113,8 +117,8 @@ def _consensus(points: Floats) -> Bools:
     spreads = np.partition(away, place, axis=0)[place]
     best = np.argsort(spreads)[:10]
     planes = [_settled(judges, middles[one], normals[one], place) for one in (*best.tolist(), len(normals) - 1)]
-    spread = min(one[2] for one in planes) / float(ndtri(0.5 + 0.5 * KEPT))
-    reach = max(FLOOR, float(-ndtri(0.25 / len(points))) * spread)
+    spread = min(one[2] for one in planes) / GAUSS.inv_cdf(0.5 + 0.5 * KEPT)
+    reach = max(LEAST_OFF, -GAUSS.inv_cdf(0.25 / len(points)) * spread)
 
     def disagreement(plane: tuple[Floats, Floats, float]) -> float:
         off = (judges - plane[0]) @ plane[1]

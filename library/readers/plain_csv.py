@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from library.readers.choices import Choices
+from library.readers.lost import without_placeholders
 from library.readers.sheet import (
     MAX_EXTENT,
     METRES,
@@ -24,7 +25,7 @@ from library.readers.sheet import (
     turned_up,
 )
 from library.readers.tracks import pick
-from models.demonstration import Demonstration
+from models.demonstration import Bools, Demonstration, Floats
 
 ROLES = {
     **dict.fromkeys(("t", "time", "times", "timestamp"), "t"),
@@ -34,6 +35,8 @@ ROLES = {
     **dict.fromkeys(("demonstration", "demonstration_id", "demo", "trial"), "demonstration"),
 }
 HEADER = "name the columns on the first line, for example t_s,x_mm,y_mm,z_mm,trigger"
+USE_S = "use one of s, ms, us, ns"
+CONVERT = "use one of m, cm, mm: an inch has 25.4 mm, a foot 304.8"
 KNOWN = ("t", "x", "y", "z", "qx", "qy", "qz", "qw", "trigger", "demonstration")
 AXES = ("x", "y", "z")
 UNUSED = {"frame", "frame#", "sample", "index"}
@@ -56,8 +59,10 @@ QUATERNION = ("qx", "qy", "qz", "qw")
 MAX_EXTENT_WITHOUT_UNIT = 3.0
 SLOWEST = 2.0
 ON_OFF = {"0": False, "1": True, "false": False, "true": True, "off": False, "on": True}
-_COLUMN = re.compile(r"([a-z_]+?)(?:_(s|ms|us|ns|m|cm|mm)| ?[\[(](\w+)[\])])?")
-_MARKER = re.compile(r"(.*[^_. :])[_. :]([xyzXYZ])((?:_(?:m|cm|mm)| ?[\[(]\w+[\])])?)")
+_UNITS = "|".join(sorted((*SECONDS, *METRES), key=len, reverse=True))
+_COLUMN = re.compile(rf"([a-z_]+?)(?:_({_UNITS})| ?[\[(]([^\])]+)[\])])?")
+_MARKER = re.compile(rf"(.*[^_. :])[_. :]([xyz])((?:_(?:{_UNITS})| ?[\[(][^\])]+[\])])?)", re.IGNORECASE)
+_OTHER_UNIT = re.compile(r"([xyz])[_ ](?:in|inch|inches|ft|foot|feet|um|µm|μm|micron|microns|nm|dm|km|yd)")
 
 
 def read(sheet: Sheet, choices: Choices) -> list[Demonstration]:
@@ -108,7 +113,8 @@ def _header(sheet: Sheet, choices: Choices) -> _Header:
         role = ROLES.get(match.group(1), "") if match else ""
         if match is None or not role:
             known = ", ".join(KNOWN)
-            raise sheet.error(f"column {index + 1} is called {cell[:40]!r}", f"{HEADER}; known names: {known}", 1)
+            remedy = CONVERT if _OTHER_UNIT.fullmatch(cell.lower()) else f"{HEADER}; known names: {known}"
+            raise sheet.error(f"column {index + 1} is called {cell[:40]!r}", remedy, 1)
         if role in columns:
             raise sheet.error(f"column {index + 1} is a second {role}", "leave one of them", 1)
         unit = match.group(2) or match.group(3) or (choices.unit if role in AXES else "")
@@ -154,7 +160,7 @@ def _factor(sheet: Sheet, role: str, unit: str) -> float:
     if not unit:
         return 1.0
     if unit not in known:
-        allowed = f"use one of {', '.join(known)}" if known else "leave the unit out"
+        allowed = USE_S if role == "t" else CONVERT if known else "leave the unit out"
         raise sheet.error(f"the unit of {role} is {unit!r}", allowed, 1)
     return known[unit]
 
@@ -170,23 +176,19 @@ def _one(
     axes = [axis for axis in AXES if axis in columns]
     times = np.array([sheet.number(line, columns["t"]) for line in lines])
     points = np.array([[sheet.number(line, columns[axis], gap=True) for axis in axes] for line in lines])
-    half = np.flatnonzero(np.isnan(points).any(axis=1) & ~np.isnan(points).all(axis=1))
+    half = np.flatnonzero(np.isnan(points).any(axis=1) & ~np.asarray(np.isnan(points).all(axis=1)))
     if len(half):
         raise sheet.error("only a part of the position is there", "give all of it or none", lines[int(half[0])])
     for before, after, line in zip(times[:-1], times[1:], lines[1:], strict=True):
         if not after > before:
             raise sheet.error(f"time {after:g} does not come after {before:g}", "delete or mend the line", line)
+    points = without_placeholders(times, points)
     triggers = None
     if "trigger" in columns:
         triggers = np.array([_on(sheet, line, columns["trigger"]) for line in lines])
     orientations = None
     if "qw" in columns:
-        orientations = np.array([[sheet.number(line, columns[part]) for part in QUATERNION] for line in lines])
-        lengths = np.linalg.norm(orientations, axis=1)
-        wrong = np.flatnonzero(np.abs(lengths - 1.0) > 0.01)
-        if len(wrong):
-            raise sheet.error("the quaternion has not length 1", "mend or delete the line", lines[int(wrong[0])])
-        orientations = orientations / lengths[:, None]
+        orientations = _unit_quaternions(sheet, lines, columns, np.asarray(np.isnan(points).all(axis=1)))
     step = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
     if "t" not in header.with_unit and step > SLOWEST:
         raise sheet.error(f"its samples are {step:g} s apart", "name the unit of its times, as in t_ms", 1)
@@ -198,6 +200,22 @@ def _one(
     return demonstration(
         sheet.path, name, times, points, triggers=triggers, orientations=orientations, farthest=farthest
     )
+
+
+def _unit_quaternions(sheet: Sheet, lines: list[int], columns: dict[str, int], lost: Bools) -> Floats:
+    """Return the turns (n, 4) of the tool as unit quaternions; where the tool was not seen they may be missing too."""
+    found = np.array([[sheet.number(line, columns[part], gap=True) for part in QUATERNION] for line in lines])
+    found[lost & (np.isnan(found).any(axis=1) | (found == 0).all(axis=1))] = (0.0, 0.0, 0.0, 1.0)
+    missing = np.flatnonzero(np.isnan(found).any(axis=1))
+    if len(missing):
+        raise sheet.error("of the quaternion a part is missing", "mend or delete the line", lines[int(missing[0])])
+    lengths = np.linalg.norm(found, axis=1)
+    wrong = np.flatnonzero(np.abs(lengths - 1.0) > 0.01)
+    if len(wrong):
+        four = ", ".join(f"{value:g}" for value in found[wrong[0]])
+        problem = f"the quaternion {four} has length {lengths[wrong[0]]:.3g}, not length 1"
+        raise sheet.error(problem, "mend or delete the line; the order is qx, qy, qz, qw", lines[int(wrong[0])])
+    return found / lengths[:, None]
 
 
 def _on(sheet: Sheet, line: int, column: int) -> bool:

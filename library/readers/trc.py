@@ -27,8 +27,12 @@ def read(sheet: Sheet, choices: Choices) -> list[Demonstration]:
         raise sheet.error("there is no line that begins with Frame#, Time", AGAIN, 4)
     firsts = [column for column, name in enumerate(names) if column > 1 and name]
     axes = sheet.cells(5)
-    for number, column in enumerate(firsts, 1):
-        if axes[column : column + 3] != [f"X{number}", f"Y{number}", f"Z{number}"]:
+    number = 0
+    for column in firsts:
+        # A part of the markers keeps its numbers: they only rise.
+        told = axes[column][1:] if column < len(axes) else ""
+        at_least, number = number + 1, int(told) if told.isdecimal() and len(told) < 6 else number + 1
+        if number < at_least or axes[column : column + 3] != [f"X{number}", f"Y{number}", f"Z{number}"]:
             raise sheet.error(f"below {names[column]!r} are no columns X{number}, Y{number}, Z{number}", AGAIN, 5)
     first = firsts[pick(sheet.path, [names[column] for column in firsts], choices.marker)]
     lines = [line for line in range(6, len(sheet.rows) + 1) if any(sheet.rows[line - 1])]

@@ -14,7 +14,7 @@ from opcua_skill.commands.output import note
 
 if TYPE_CHECKING:
     from library.errors import ChoiceNeeded
-    from library.readers import Choices
+    from library.readers import Choices, Reader
 
 OPTIONS = {"marker": "--marker", "unit": "--unit", "up_axis": "--up-axis", "topic": "--topic"}
 QUESTIONS = {
@@ -57,12 +57,13 @@ def choices_of(marker: str, unit: str, up_axis: str, topic: str) -> "Choices":
 
 def read_files(files: Sequence[Path], choices: "Choices", placing: Placing) -> list[Demonstration]:
     """Return the demonstrations of files, without the samples that were not seen; tells what was not as it is."""
-    from library.readers import gaps, named_apart, without_gaps
+    from library.readers import Reader, gaps, named_apart, without_gaps
 
     found: list[Demonstration] = []
-    for file in files:
-        read, choices = _read_one(file, choices)
-        found += read
+    with Reader() as reader:
+        for file in files:
+            read, choices = _read_one(reader, file, choices)
+            found += read
     for one in found:
         missing = gaps(one)
         if missing.lost:
@@ -70,14 +71,13 @@ def read_files(files: Sequence[Path], choices: "Choices", placing: Placing) -> l
     return named_apart(_placed([without_gaps(one) for one in found], placing))
 
 
-def _read_one(file: Path, choices: "Choices") -> "tuple[list[Demonstration], Choices]":
+def _read_one(reader: "Reader", file: Path, choices: "Choices") -> "tuple[list[Demonstration], Choices]":
     """Return what is in a file, and the choices as answered: they hold for the next file too."""
     from library.errors import ChoiceNeeded
-    from library.readers import read
 
     for _ in range(2 * len(OPTIONS)):
         try:
-            return read(file, choices), choices
+            return reader.read(file, choices), choices
         except ChoiceNeeded as question:
             choices = replace(choices, **{question.choice: _answer(question)})
     raise Fault(f"{file} asks for the same choice again and again: give all of {', '.join(OPTIONS.values())}")

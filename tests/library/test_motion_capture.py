@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from library.errors import ChoiceNeeded, ReaderError
-from library.readers import Choices, c3d, read, ros_bag
+from library.readers import Choices, read, ros_bag
 from tests.library.capture_files import (
     FORMATS,
     RATE,
@@ -168,16 +168,6 @@ def test_a_c3d_made_by_the_standard_alone_is_read(tmp_path: Path, scale: float, 
         np.testing.assert_allclose(way.times, TIMES, atol=1e-12)
 
 
-def test_a_parser_that_crashes_takes_nobody_with_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = tmp_path / "stroke.c3d"
-    path.write_bytes(b"x")
-    monkeypatch.setattr(c3d.sys, "executable", str(tmp_path / "crash"))
-    (tmp_path / "crash").write_text("#!/bin/sh\nkill -SEGV $$\n")
-    (tmp_path / "crash").chmod(0o700)
-    with pytest.raises(ReaderError, match="the parser crashed"):
-        c3d._parsed_apart(path)
-
-
 @pytest.mark.parametrize("storage", ["SQLITE3", "MCAP"])
 def test_a_ros_bag_gives_the_poses_of_a_topic(tmp_path: Path, storage: str) -> None:
     folder = rosbag_folder(tmp_path / "recording", storage)
@@ -198,7 +188,7 @@ def test_a_ros_bag_gives_the_poses_of_a_topic(tmp_path: Path, storage: str) -> N
     assert part.points.tobytes() == way.points[: len(part.points)].tobytes()
 
 
-@pytest.mark.parametrize(("name", "module"), [("a.c3d", c3d), ("a.bag", ros_bag)])
+@pytest.mark.parametrize(("name", "module"), [("a.bag", ros_bag)])
 def test_a_missing_extra_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, module: Any) -> None:
     path = tmp_path / name
     path.write_bytes(b"x" * 2000)

@@ -10,6 +10,18 @@ FILES = {
     "its name does not end in a format": "der Name endet nicht auf ein Format",
     "save it as CSV; these can be read: {x}": "als CSV speichern; lesbar sind: {x}",
     "these can be read: {x}": "lesbar sind: {x}",
+    "unpack it; these can be read: {x}": "entpacken; lesbar sind: {x}",
+    "only {x} reads files that end in {y}": "nur {x} liest Dateien auf {y}",
+    "export it from there as {x}": "von dort als {x} exportieren",
+    "its reader crashed": "der Leser stürzte ab",
+    "the file is damaged: export it again": "die Datei ist beschädigt: neu exportieren",
+    "it takes more than {n} MB of memory to read": "sie zu lesen braucht mehr als {n} MB Speicher",
+    "cut out what is needed": "ausschneiden, was nötig ist",
+    "it unpacks to more than {n} MB": "sie entpackt sich auf mehr als {n} MB",
+    "it is no file but a folder, a pipe or a device": (
+        "es ist keine Datei, sondern ein Ordner, eine Pipe oder ein Gerät"
+    ),
+    "name a file": "eine Datei nennen",
     "it is a folder": "es ist ein Ordner",
     "name the files in it": "die Dateien darin nennen",
     # tables
@@ -18,6 +30,22 @@ FILES = {
     "the file ends before its table begins": "die Datei endet vor ihrer Tabelle",
     "column {n} holds {x}, which is not a number": "Spalte {n} enthält {x}, das ist keine Zahl",
     "mend the cell or delete the line": "Zelle berichtigen oder Zeile löschen",
+    "export it without separators between thousands": "ohne Trennzeichen zwischen Tausendern exportieren",
+    "write times as seconds from the start, as in t_s": "Zeiten als Sekunden seit Beginn schreiben, wie in t_s",
+    "write the unit into the name of the column, as in x_mm": "Einheit in den Spaltennamen schreiben, wie in x_mm",
+    "column {n} holds {x} and column {n2} of line {n3} {y}: a comma and a point cannot both be decimal": (
+        "Spalte {n} enthält {x} und Spalte {n2} von Zeile {n3} {y}: Komma und Punkt können nicht beide dezimal sein"
+    ),
+    "its cells are separated by {x}": "die Zellen sind durch {x} getrennt",
+    "it has {n} columns": "sie hat {n} Spalten",
+    "cut out what is needed: {n} at most": "ausschneiden, was nötig ist: höchstens {n}",
+    "a quote is opened and not closed": "ein Anführungszeichen wird geöffnet und nicht geschlossen",
+    "close it, or take the quotes out": "schließen oder Anführungszeichen weglassen",
+    "a line with quotes has {n} characters": "eine Zeile mit Anführungszeichen hat {n} Zeichen",
+    "take the quotes out": "Anführungszeichen weglassen",
+    "use one of m, cm, mm: an inch has 25.4 mm, a foot 304.8": (
+        "m, cm oder mm verwenden: ein Zoll hat 25,4 mm, ein Fuß 304,8"
+    ),
     "it is a spreadsheet or another packed file": "es ist eine Tabellendatei oder anders gepackt",
     "save it as CSV": "als CSV speichern",
     "it is no text file": "es ist keine Textdatei",
@@ -65,7 +93,11 @@ FILES = {
     "time {n} does not come after {n2}": "Zeit {n} kommt nicht nach {n2}",
     "frame {n} does not come after {n2}": "Bild {n} kommt nicht nach {n2}",
     "delete or mend the line": "Zeile löschen oder berichtigen",
-    "the quaternion has not length 1": "das Quaternion hat nicht die Länge 1",
+    "the quaternion {x} has length {n}, not length 1": "das Quaternion {x} hat die Länge {n}, nicht 1",
+    "mend or delete the line; the order is qx, qy, qz, qw": (
+        "Zeile berichtigen oder löschen; die Reihenfolge ist qx, qy, qz, qw"
+    ),
+    "of the quaternion a part is missing": "vom Quaternion fehlt ein Teil",
     "mend or delete the line": "Zeile berichtigen oder löschen",
     "its samples are {n} s apart": "die Messpunkte sind {n} s auseinander",
     "name the unit of its times, as in t_ms": "Einheit der Zeiten nennen, wie in t_ms",
@@ -114,7 +146,6 @@ FILES = {
     "it has sub frames": "sie hat Sub Frames",
     "export trajectories at their own rate": "Trajectories mit ihrer eigenen Rate exportieren",
     "export it again as C3D": "als C3D neu exportieren",
-    "C3D needs the package ezc3d": "C3D braucht das Paket ezc3d",
     "ROS bags need the package rosbags": "ROS-Bags brauchen das Paket rosbags",
     "install opcua-skill[formats]": "opcua-skill[formats] installieren",
     "its head promises {n} markers in {n2} frames, {n3} bytes, the file has {n4}": (
@@ -125,7 +156,6 @@ FILES = {
     "it names {n} markers and holds {n2}": "sie nennt {n} Marker und enthält {n2}",
     "it cannot be read ({x})": "sie lässt sich nicht lesen ({x})",
     "it cannot be read within {n} s": "sie lässt sich nicht in {n} s lesen",
-    "the parser crashed": "der Leser stürzte ab",
     "it does not begin as a C3D file": "sie beginnt nicht wie eine C3D-Datei",
     "it is not in Intel format": "sie ist nicht im Intel-Format",
     "save it in Intel format": "im Intel-Format speichern",
@@ -134,6 +164,30 @@ FILES = {
     ),
     "record it again, or convert it with rosbags-convert": "noch einmal aufnehmen oder mit rosbags-convert wandeln",
     "nothing was recorded on {x}": "auf {x} wurde nichts aufgezeichnet",
+    "no message on {x} has a stamp": "keine Nachricht auf {x} hat einen Zeitstempel",
+    "let its publisher fill header.stamp and record it again": (
+        "header.stamp vom Sender füllen lassen und neu aufnehmen"
+    ),
+    "message {n} on {x} has the stamp of the one before it and another position": (
+        "Nachricht {n} auf {x} hat den Zeitstempel der vorigen und eine andere Position"
+    ),
+    "message {n} on {x} is stamped {n2} s before the one before it": (
+        "Nachricht {n} auf {x} ist {n2} s vor der vorigen gestempelt"
+    ),
+    "leave it out, or record it again with one publisher and one clock": (
+        "auslassen, oder mit einem Sender und einer Uhr neu aufnehmen"
+    ),
+    "it holds forces or other signals and no markers": "sie enthält Kräfte oder andere Signale und keine Marker",
+    "export it with trajectories": "mit Trajectories exportieren",
+    "its head says that samples begin at block {n}, in steps of {n2}": (
+        "laut Kopf beginnen die Messpunkte bei Block {n}, in Schritten von {n2}"
+    ),
+    "it says that it holds {x} frames, and has room for {n}": "laut Angabe enthält sie {x} Bilder, Platz ist für {n}",
+    "it names {n} markers and has {n2} columns": "sie nennt {n} Marker und hat {n2} Spalten",
+    "it holds {x} data and no markers": "sie enthält {x}-Daten und keine Marker",
+    "export it again from Qualisys Track Manager as TSV with 3D data": (
+        "aus Qualisys Track Manager als TSV mit 3D-Daten neu exportieren"
+    ),
     # placing
     "the samples lie {n} mm from one plane (RMS), {n2} mm at most": (
         "die Messpunkte liegen {n} mm von einer Ebene (RMS), höchstens {n2} mm"
