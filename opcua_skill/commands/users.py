@@ -99,7 +99,10 @@ def import_users(
     as_json: Json = False,
 ) -> None:
     """Add all users of a CSV file, or none of them."""
-    added = [checked_row(number, row) for number, row in enumerate(csv.DictReader(file), start=2)]
+    try:
+        added = checked_rows(file.read())
+    except UnicodeDecodeError:
+        raise Fault("the file is no text in UTF-8: save it as CSV in UTF-8") from None
     settings = load_settings(config, data=data)
 
     async def work(library: "SkillLibrary") -> None:
@@ -117,13 +120,40 @@ def import_users(
         say(f"{len(added)} users may sign in: {', '.join(name for name, _, _ in added)}")
 
 
+def checked_rows(text: str) -> list[tuple[str, Role, str]]:
+    """Return name, role and password hash of every row, as spreadsheets save them."""
+    lines = text.removeprefix("\ufeff").splitlines()
+    told = 1 if lines and lines[0].lower().startswith("sep=") else 0
+    head = lines[told] if len(lines) > told else ""
+    delimiter = next((mark for mark in "\t;," if mark in head), ",")
+    names = [name.strip().strip('"').lower() for name in head.split(delimiter)]
+    missing = [name for name in ("name", "role", "password") if name not in names]
+    if missing:
+        raise Fault(f"line {told + 1}: there is no column {', '.join(missing)}: name, role and password are needed")
+    found: dict[str, tuple[str, Role, str]] = {}
+    for number, line in enumerate(lines[told + 1 :], told + 2):
+        if not line.strip():
+            continue
+        try:
+            cells = next(csv.reader([line], delimiter=delimiter, strict=True))
+        except csv.Error:
+            raise Fault(f"line {number}: a quote is opened and not closed") from None
+        if len(cells) != len(names):
+            raise Fault(f"line {number}: it has {len(cells)} cells, the first line {len(names)}")
+        row = checked_row(number, dict(zip(names, cells, strict=True)))
+        if row[0] in found:
+            raise Fault(f"line {number}: {row[0]} stands in the file twice: nobody was added")
+        found[row[0]] = row
+    if not found:
+        raise Fault("there are no users below the first line")
+    return list(found.values())
+
+
 def checked_row(number: int, row: dict[str, str]) -> tuple[str, Role, str]:
     """Return name, role and password hash of a CSV row; a fault names the line and what it lacks."""
     try:
-        return row["name"], Role(row["role"]), hash_password(row["password"])
-    except KeyError as error:
-        raise Fault(f"line {number}: there is no column {error}: name, role and password are needed") from None
-    except (TypeError, ValueError) as error:
+        return row["name"].strip(), Role(row["role"].strip()), hash_password(row["password"])
+    except ValueError as error:
         raise Fault(f"line {number}: {error}") from None
 
 

@@ -71,3 +71,43 @@ def test_a_straight_seam_is_not_laid_flat_by_chance(learn: Learn, tmp_path: Path
     told = learn("straight", *seams(tmp_path, "straight", depth=0.0), "--plane", status=1)
     assert "on one line, about which it may be turned" in told
     assert "show a wider stroke, or learn them in space" in told
+
+
+USERS = ["name,role,password", "anna,teacher,correct horse battery", "ben,operator,another staple 12"]
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "\ufeff" + "\r\n".join(USERS) + "\r\n",
+        "\n".join(USERS).replace(",", ";"),
+        "sep=;\n" + "\n".join(USERS).replace(",", ";") + "\n\n",
+        "\n".join(USERS).replace(",", "\t"),
+        "\n".join(USERS).replace("name,role", "Name, Role").replace("anna", '"anna"').replace("another", 'anot"her'),
+    ],
+)
+def test_users_come_from_files_as_spreadsheets_save_them(
+    tmp_path: Path, content: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "users.csv").write_text(content, encoding="utf-8")
+    assert status_of(["users", "import", str(tmp_path / "users.csv"), "--data", str(tmp_path / "d"), "--json"]) == 0
+    assert [one["name"] for one in json.loads(capsys.readouterr().out)] == ["anna", "ben"]
+
+
+@pytest.mark.parametrize(
+    ("lines", "words"),
+    [
+        ([USERS[0], 'anna,teacher,"correct horse'], "line 2: a quote is opened and not closed"),
+        ([USERS[0], "anna;teacher;correct horse battery"], "line 2: it has 1 cells, the first line 3"),
+        (["name,password", "anna,correct horse battery"], "line 1: there is no column role"),
+        ([*USERS, USERS[1]], "line 4: anna stands in the file twice"),
+        ([USERS[0]], "there are no users below the first line"),
+    ],
+)
+def test_a_file_of_users_that_is_wrong_adds_nobody(
+    tmp_path: Path, lines: list[str], words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "users.csv").write_text("\n".join(lines))
+    assert status_of(["users", "import", str(tmp_path / "users.csv"), "--data", str(tmp_path / "d")]) == 1
+    assert words in " ".join(capsys.readouterr().err.split())
+    assert not (tmp_path / "d").exists()
