@@ -4,7 +4,6 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +16,6 @@ from models.learning import LearnedMotion, LearningOptions, Previous, learn
 from models.motion import Motion, Trajectory
 from opcua_skill.workers import report_progress
 from sim.arm import ArmModel, Trace
-from sim.arms import load
 from sim.clearance import Cell
 from sim.plan import Finding, MotionOrder, MotionPlan, MotionRefused, plan_home, plan_motion
 from sim.traces import to_csv, to_parquet
@@ -118,13 +116,8 @@ def write_trace(
         unfinished.replace(folder / f"{name}.{kind}")
 
 
-@lru_cache(maxsize=8)
-def _arm(name: str) -> ArmModel:
-    return load(name)
-
-
 def plan_skill(
-    motion: Motion, order: MotionOrder, arm: str, skill_digest: str, recipe_id: str, cell: Cell
+    motion: Motion, order: MotionOrder, arm: ArmModel, skill_digest: str, recipe_id: str, cell: Cell
 ) -> MotionPlan | PlanRefused:
     """Plan and check a motion on an arm."""
     steps = time_steps(motion, order)
@@ -133,9 +126,12 @@ def plan_skill(
             f"the path would take {steps:.3g} time steps: it has to be at most {MOST_TIME_STEPS}, go faster or use "
             "longer steps"
         )
-        return PlanRefused((Finding("ParameterInvalid", math.nan, math.nan, steps, "time steps", text),))
+        many = Finding(
+            "ParameterInvalid", math.nan, math.nan, steps, "time steps", text, asked=steps, limit=MOST_TIME_STEPS
+        )
+        return PlanRefused((many,))
     try:
-        return plan_motion(motion, order, _arm(arm), skill_digest=skill_digest, recipe_id=recipe_id, cell=cell)
+        return plan_motion(motion, order, arm, skill_digest=skill_digest, recipe_id=recipe_id, cell=cell)
     except MotionRefused as refused:
         return PlanRefused(tuple(refused.findings))
 
@@ -151,9 +147,9 @@ def time_steps(motion: Motion, order: MotionOrder) -> float:
     return seconds / slowed if slowed > 0.0 else math.nan
 
 
-def plan_way_home(arm: str, joints: tuple[float, ...], cell: Cell) -> MotionPlan | PlanRefused:
+def plan_way_home(arm: ArmModel, joints: tuple[float, ...], cell: Cell) -> MotionPlan | PlanRefused:
     """Plan and check an arm's way from where it stands to where every run starts."""
     try:
-        return plan_home(_arm(arm), joints, speed_fraction=HOMING_SPEED, cell=cell)
+        return plan_home(arm, joints, speed_fraction=HOMING_SPEED, cell=cell)
     except MotionRefused as refused:
         return PlanRefused(tuple(refused.findings))

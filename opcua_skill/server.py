@@ -20,6 +20,7 @@ from opcua_skill.data_lock import DataLock, database_file
 from opcua_skill.first_look import check_library_is_there, check_users, tell_loose
 from opcua_skill.health import Health
 from opcua_skill.jobs import ArmFactory, JobEngine, Station, ready_to_move
+from opcua_skill.jobs.station import model_of
 from opcua_skill.methods.audit import AuditMethods
 from opcua_skill.methods.edits import EditMethods
 from opcua_skill.methods.homing import HomingMethods
@@ -52,7 +53,6 @@ from opcua_skill.stack.transport import ReservedPort
 from opcua_skill.standing import Standing, told_of
 from opcua_skill.tidings import Tidings
 from sim.arm import ArmError, ArmModel, ArmState
-from sim.arms import load
 from sim.gate import LOWEST_OVERRIDE
 
 SHOW_STATE_EVERY = 0.1
@@ -80,7 +80,7 @@ class SkillServerApp:
     def __init__(self, settings: Settings, arm_factory: ArmFactory) -> None:
         self.settings = settings
         self._arm_factory = arm_factory
-        self._models: Mapping[str, ArmModel] = {one.name: load(one.arm) for one in settings.workstations}
+        self._models: Mapping[str, ArmModel] = {one.name: model_of(one) for one in settings.workstations}
         self._faces: dict[str, _Face] = {}
         self._faults: list[str] = []
         self._showing: asyncio.Task[None] | None = None

@@ -62,17 +62,41 @@ class Fixture(Section):
     size: tuple[float, float, float] = Field(description="full size along its axes, m")
 
 
+class ToolTip(Section):
+    """Where the tool's tip is if not where the arm's description has it."""
+
+    offset: tuple[float, float, float] = Field(description="from the description's tip, in its frame, m")
+    turn: tuple[float, float, float] = Field(default=(0.0, 0.0, 0.0), description="roll, pitch, yaw in that frame, rad")
+
+
 class Workstation(Section):
     """One workstation: an arm and its process equipment."""
 
     name: str = Field(default="ws1", pattern=WORKSTATION_NAME, description="browse name under Machines")
-    arm: str = Field(default="panda", description="name of the arm")
+    arm: str = Field(
+        default="panda",
+        description="name of the arm, or the folder with the URDF and the limits file of one's own",
+    )
     driver: Literal["pybullet", "kinematic"] = Field(
         default="pybullet", description="what moves: PyBullet, or kinematics alone"
     )
     realtime: bool = Field(default=True, description="pace a simulated arm like a real one; false: as fast as possible")
     table_height: float = Field(default=0.0, ge=-2.0, le=2.0, description="the table's plane in the arm's base, m")
     fixtures: tuple[Fixture, ...] = Field(default=(), description="what the arm has to keep clear of")
+    workspace_low: tuple[float, float, float] | None = Field(
+        default=None,
+        description="lower corner of the box in which the nozzle may be, arm's base, m; else the arm's own",
+    )
+    workspace_high: tuple[float, float, float] | None = Field(
+        default=None, description="upper corner of that box, m; else the arm's own"
+    )
+    home: tuple[float, ...] | None = Field(
+        default=None, description="joints at which every run starts and ends, rad or m; else the arm's own"
+    )
+    tool: ToolTip | None = Field(default=None, description="the tool's tip, where it is not the description's")
+    collisions: Literal["checked", "not checked"] = Field(
+        default="checked", description="'not checked' lets an arm without a hull run: nothing keeps it from a collision"
+    )
     imperfection: Imperfection = Field(default=Imperfection(), description="of a simulated arm")
     equipment: tuple[Equipment, ...] = Field(default=(DISPENSER,), description="process equipment")
     manufacturer: str = Field(default="", description="of the workstation, for its identification")

@@ -27,7 +27,7 @@ Stage = Literal["travel", "approach", "dispense", "retract"]
 class Limits:
     """What the joints may do, one number a joint.
 
-    Rad, rad/s, rad/s², rad/s³. ``sources`` names where each row is from.
+    Rad, rad/s, rad/s², rad/s³; m instead of rad where a joint slides. ``sources`` names where each row is from.
     """
 
     lower: tuple[float, ...]
@@ -96,6 +96,8 @@ class ArmModel:
     apart: tuple[tuple[str, str], ...] = field(repr=False)
     atomic_skills: tuple[str, ...]
     digest: str
+    collisions_checked: bool = True
+    """False only where the configuration says in as many words that nothing is checked: then a hull may be missing."""
 
     @property
     def dof(self) -> int:

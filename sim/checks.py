@@ -9,6 +9,7 @@ import numpy as np
 
 from sim.arm import ArmModel, Floats
 from sim.kinematics import InverseResult, kinematics
+from sim.rates import Rates
 
 if TYPE_CHECKING:
     from sim.plan import MotionOrder
@@ -32,7 +33,9 @@ class Finding:
     """One thing that is wrong or worth telling: ``time`` in s since the path's start, ``phase`` 0..1 along it.
 
     ``size`` says by how much, in ``unit``. Both places are NaN where the finding is not about a place. A fatal
-    finding refuses the plan, any other goes with it in its report.
+    finding refuses the plan, any other goes with it in its report. ``place`` is the arc length in m along the path,
+    ``asked`` what was wanted and ``limit`` what is possible, both in ``unit``; NaN where there is no such figure.
+    ``joint`` counts from 1; 0: it is about no joint.
     """
 
     code: Code
@@ -42,6 +45,10 @@ class Finding:
     unit: str
     text: str
     fatal: bool = True
+    place: float = math.nan
+    asked: float = math.nan
+    limit: float = math.nan
+    joint: int = 0
 
 
 class MotionRefused(Exception):
@@ -129,7 +136,7 @@ def check_reach(model: ArmModel, points: Floats, solved: InverseResult, times: F
             f"{_place(times[i], phases[i])} (point {i}), and misses by up to {miss:.1f} mm and {turn:.1f} degrees: "
             "move the part's frame nearer"
         )
-        return [Finding("NoIkSolution", float(times[i]), float(phases[i]), miss, "mm", text), *found]
+        return [Finding("NoIkSolution", float(times[i]), float(phases[i]), miss, "mm", text, limit=0.0), *found]
     found += check_joints(model, solved.joints, times, phases)
     return found
 
@@ -142,7 +149,7 @@ def blame_tilt(model: ArmModel, lost: Finding, tilt: float) -> Finding:
         f"shown {_place(lost.time, lost.phase)}: move or turn the part's frame, let the nozzle turn freely about its "
         "axis, or teach with less tilt"
     )
-    return Finding("NoIkSolution", lost.time, lost.phase, degrees, "degrees", text)
+    return Finding("NoIkSolution", lost.time, lost.phase, degrees, "degrees", text, asked=degrees)
 
 
 def check_posture(model: ArmModel, joints: Floats, times: Floats, phases: Floats) -> list[Finding]:
@@ -160,7 +167,7 @@ def check_posture(model: ArmModel, joints: Floats, times: Floats, phases: Floats
         f"{model.name} would have to change its posture {_place(times[i], phases[i])}, where joint {joint + 1} "
         f"jumps by {size:.0f} degrees: move or turn the part's frame, or tilt the nozzle less"
     )
-    return [Finding("Singularity", float(times[i]), float(phases[i]), size, "degrees", text)]
+    return [Finding("Singularity", float(times[i]), float(phases[i]), size, "degrees", text, joint=joint + 1)]
 
 
 def check_joints(model: ArmModel, joints: Floats, times: Floats, phases: Floats) -> list[Finding]:
@@ -170,17 +177,34 @@ def check_joints(model: ArmModel, joints: Floats, times: Floats, phases: Floats)
         return []
     i = int(np.argmax((over > 0.0).any(axis=1)))
     joint = int(np.argmax(over[i]))
-    worst = math.degrees(float(over[:, joint].max()))
+    row = int(over[:, joint].argmax())
+    value, low, high = float(joints[row, joint]), model.limits.lower[joint], model.limits.upper[joint]
+    slides = bool(kinematics(model).slides[joint])
+    scale, unit = (1e3, "mm") if slides else (math.degrees(1.0), "degrees")
+    worst = float(over[row, joint]) * scale
     text = (
         f"joint {joint + 1} of {model.name} leaves its range {_place(times[i], phases[i])} by up to {worst:.2f} "
-        "degrees: move or turn the part's frame"
+        f"{unit}: move or turn the part's frame"
     )
-    return [Finding("JointLimit", float(times[i]), float(phases[i]), worst, "degrees", text)]
+    limit = scale * (high if value > high else low)
+    place = float(times[i]), float(phases[i])
+    return [Finding("JointLimit", *place, worst, unit, text, asked=scale * value, limit=limit, joint=joint + 1)]
+
+
+def singular_values(model: ArmModel, joints: Floats) -> Floats:
+    """Return the smallest singular value (n,) of the Jacobian at joints (n, dof)."""
+    values = np.linalg.svd(kinematics(model).jacobian(joints), compute_uv=False)
+    return np.asarray(values[:, -1], dtype=np.float64)
 
 
 def check_singularity(model: ArmModel, joints: Floats, times: Floats, phases: Floats) -> tuple[list[Finding], float]:
-    """Return whether joints (n, dof) come near a singular position, and the smallest singular value."""
-    smallest = np.linalg.svd(kinematics(model).jacobian(joints), compute_uv=False)[:, -1]
+    """Return whether joints (n, dof) come near a singular position, and the smallest singular value.
+
+    It matters where the nozzle has to follow a line in space; a joint move may pass such a position at any speed.
+    """
+    if not len(joints):
+        return [], math.inf
+    smallest = singular_values(model, joints)
     i = int(np.argmin(smallest))
     least = float(smallest[i])
     if least >= SINGULAR:
@@ -189,29 +213,37 @@ def check_singularity(model: ArmModel, joints: Floats, times: Floats, phases: Fl
         f"{model.name} is stretched out or folded {_place(times[i], phases[i])}: its smallest singular value is "
         f"{least:.4f}, at least {SINGULAR} is needed: move the part's frame"
     )
-    return [Finding("Singularity", float(times[i]), float(phases[i]), least, "", text)], least
+    place = float(times[i]), float(phases[i])
+    return [Finding("Singularity", *place, least, "", text, asked=least, limit=SINGULAR)], least
 
 
-def check_rates(
-    model: ArmModel, rates: tuple[Floats, Floats], times: Floats, phases: Floats
-) -> tuple[list[Finding], dict[str, float]]:
-    """Return whether joint velocities and accelerations (n, dof) keep their limits, and the largest shares used."""
+def check_rates(model: ArmModel, rates: Rates, times: Floats, phases: Floats) -> tuple[list[Finding], dict[str, float]]:
+    """Return whether the joints keep velocity, acceleration and jerk in every row, and the largest shares used."""
     found: list[Finding] = []
     used: dict[str, float] = {}
-    for name, values, limit in (
-        ("velocity", rates[0], model.limits.velocity),
-        ("acceleration", rates[1], model.limits.acceleration),
-    ):
-        share = np.abs(values) / np.array(limit)
-        used[name] = float(share.max())
+    for name, share in zip(("velocity", "acceleration", "jerk"), rates.shares(model.limits), strict=True):
+        used[name] = float(share.max(initial=0.0))
         if used[name] > 1.0:
             i, joint = (int(k) for k in np.unravel_index(int(share.argmax()), share.shape))
             text = (
                 f"joint {joint + 1} of {model.name} would need {used[name]:.2f} times its {name} limit "
                 f"{_place(times[i], phases[i])}: go slower, or give the corners a blend radius"
             )
-            found.append(Finding("SpeedLimit", float(times[i]), float(phases[i]), used[name], OF_THE_LIMIT, text))
+            place = float(times[i]), float(phases[i])
+            share, joint = used[name], joint + 1
+            found.append(Finding("SpeedLimit", *place, share, OF_THE_LIMIT, text, asked=share, limit=1.0, joint=joint))
     return found, used
+
+
+def check_hull(model: ArmModel) -> list[Finding]:
+    """Return whether nothing is known of an arm's shape though nobody said that collisions are not to be checked."""
+    if model.capsules or not model.collisions_checked:
+        return []
+    text = (
+        f"{model.name} has no hull: nothing would keep it from touching itself, the table or the part: give its limits "
+        "file a [hull] with capsules, or say in the workstation's configuration that collisions are not checked"
+    )
+    return [Finding("ParameterInvalid", math.nan, math.nan, math.nan, "", text)]
 
 
 def _place(time: float, phase: float) -> str:

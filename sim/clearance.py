@@ -6,7 +6,9 @@ function of the place on the segment, found by golden sections.
 """
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -17,10 +19,9 @@ from sim.kinematics import kinematics
 
 MARGIN = 5e-3
 PART_BORDER = 0.02
+AT_THE_TIP = 2e-3
 GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
-SECTIONS = 32
-# What stands on the table belongs there, and the needle has to come near the part.
-ON_THE_TABLE = ("link0", "link1")
+SECTIONS = 28
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,28 +69,42 @@ def part_box(points: Floats, frame: Pose, table_height: float) -> Box:
 
 
 def check_clearance(
-    model: ArmModel, joints: Floats, times: Floats, phases: Floats, boxes: tuple[Box, ...]
+    model: ArmModel,
+    joints: Floats,
+    times: Floats,
+    phases: Floats,
+    boxes: tuple[Box, ...],
+    *,
+    off_path: str = "on the way to or from the path",
 ) -> tuple[list[Finding], float]:
     """Return what comes too near over joints (n, dof), and the smallest distance in m found between anything."""
     if not model.capsules:
         return [], math.inf
     found: list[Finding] = []
     places = _capsules(model, joints)
-    nearest = [_among_links(model, places), *(_to_box(model, places, box) for box in boxes)]
+    nearest = [
+        _nearest(_gaps_among_links(model, places)),
+        *(_nearest(_gaps_to_box(model, places, box)) for box in boxes),
+    ]
     for near in nearest:
         if near.distance < MARGIN:
             i, gap = near.row, near.distance * 1e3
             state = f"{gap:.1f} mm apart" if gap >= 0.0 else f"{-gap:.1f} mm inside each other"
-            where = (
-                "on the way to or from the path"
-                if math.isnan(phases[i])
-                else f"at {times[i]:.2f} s, {100 * phases[i]:.1f} % of the path"
-            )
+            where = off_path if math.isnan(phases[i]) else f"at {times[i]:.2f} s, {100 * phases[i]:.1f} % of the path"
             needed = f"{MARGIN * 1e3:.0f} mm are needed: move the part or clear the way"
             text = f"{near.what} would be {state} {where}, {needed}"
             short = MARGIN * 1e3 - gap
-            found.append(Finding("Collision", float(times[i]), float(phases[i]), short, "mm", text))
+            place = float(times[i]), float(phases[i])
+            found.append(Finding("Collision", *place, short, "mm", text, asked=gap, limit=MARGIN * 1e3))
     return found, min(near.distance for near in nearest)
+
+
+def least_distances(model: ArmModel, joints: Floats, boxes: tuple[Box, ...]) -> Floats:
+    """Return the smallest distance (n,) in m between anything that must not touch, at joints (n, dof)."""
+    places = _capsules(model, joints)
+    gaps = [gap for _, gap in _gaps_among_links(model, places)]
+    gaps += [gap for box in boxes for _, gap in _gaps_to_box(model, places, box)]
+    return np.min(gaps, axis=0) if gaps else np.full(len(joints), math.inf)
 
 
 def _capsules(model: ArmModel, joints: Floats) -> list[tuple[Floats, Floats]]:
@@ -103,32 +118,72 @@ def _capsules(model: ArmModel, joints: Floats) -> list[tuple[Floats, Floats]]:
     return places
 
 
-def _among_links(model: ArmModel, places: list[tuple[Floats, Floats]]) -> Nearest:
-    best = Nearest(math.inf, "", 0)
+Gaps = Iterator[tuple[str, Floats]]
+
+
+def _gaps_among_links(model: ArmModel, places: list[tuple[Floats, Floats]]) -> Gaps:
+    """Yield for every watched pair of capsules what they belong to, and how far apart (n,) they are."""
     watched = set(model.apart)
     for i, first in enumerate(model.capsules):
         for j, second in enumerate(model.capsules[:i]):
             if (second.link, first.link) in watched or (first.link, second.link) in watched:
                 gap = _between_segments(*places[i], *places[j]) - first.radius - second.radius
-                row = int(gap.argmin())
-                if gap[row] < best.distance:
-                    best = Nearest(float(gap[row]), f"{second.link} and {first.link} of {model.name}", row)
-    return best
+                yield f"{second.link} and {first.link} of {model.name}", gap
 
 
-def _to_box(model: ArmModel, places: list[tuple[Floats, Floats]], box: Box) -> Nearest:
+def _gaps_to_box(model: ArmModel, places: list[tuple[Floats, Floats]], box: Box) -> Gaps:
+    """Yield for every capsule that has to keep clear of a box what it belongs to, and how far (n,) it is."""
+    needle, standing = _needle(model), _standing(model)
+    watched = [
+        (capsule, place)
+        for k, (capsule, place) in enumerate(zip(model.capsules, places, strict=True))
+        if box.name not in {"table", "part"} or not (k == needle or capsule.link in standing)
+    ]
+    if not watched:
+        return
+    # All at once: a call for each capsule costs more than its arithmetic.
+    starts, ends = (np.concatenate([place[k] for _, place in watched]) for k in (0, 1))
+    gaps = _to_box_from_segment(starts, ends, box).reshape(len(watched), -1)
+    for (capsule, _), gap in zip(watched, gaps, strict=True):
+        yield f"{capsule.link} of {model.name} and the {box.name}", gap - capsule.radius
+
+
+def _nearest(gaps: Gaps) -> Nearest:
     best = Nearest(math.inf, "", 0)
-    needle = model.capsules[-1]
-    for capsule, (start, end) in zip(model.capsules, places, strict=True):
-        if capsule.link in ON_THE_TABLE and box.name in {"table", "part"}:
-            continue
-        if capsule is needle and box.name in {"table", "part"}:
-            continue
-        gap = _to_box_from_segment(start, end, box) - capsule.radius
+    for what, gap in gaps:
         row = int(gap.argmin())
         if gap[row] < best.distance:
-            best = Nearest(float(gap[row]), f"{capsule.link} of {model.name} and the {box.name}", row)
+            best = Nearest(float(gap[row]), what, row)
     return best
+
+
+@lru_cache(maxsize=16)
+def _needle(model: ArmModel) -> int:
+    """Return which capsule ends at the nozzle's tip, -1 if none does: it alone has to come near the part."""
+    chain = kinematics(model)
+    tip = chain.forward(chain.seed[None])[0]
+    gaps = [
+        float(_between_segments(tip, tip, start, end)[0]) - capsule.radius
+        for capsule, (start, end) in zip(model.capsules, _capsules(model, chain.seed[None]), strict=True)
+    ]
+    best = int(np.argmin(gaps)) if gaps else -1
+    return best if gaps and gaps[best] < AT_THE_TIP else -1
+
+
+@lru_cache(maxsize=16)
+def _standing(model: ArmModel) -> frozenset[str]:
+    """Return the links that stand on the table and belong there: the base, what is fixed to it, and the first to move.
+
+    Without a first link that turns, as in a gantry, what slides along the table stands on it just so.
+    """
+    links = {"base"}
+    chain = kinematics(model).joints
+    links.add(chain[0].parent)
+    for joint in chain:
+        links.add(joint.child)
+        if joint.axis is not None:
+            break
+    return frozenset(links)
 
 
 def _between_segments(p1: Floats, q1: Floats, p2: Floats, q2: Floats) -> Floats:

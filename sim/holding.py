@@ -9,7 +9,9 @@ in the base when it stands upright on the part (against the part's z axis, turne
     nozzle in the base = R Q R^T U
 
 and a skill that carries no orientation has Q = 1. Where the nozzle may turn freely about its own axis, which a round
-one may, only the axis is followed and the turn about it is the one nearest to home's.
+one may, only the axis is followed and the turn about it is the one nearest to home's. Before the path's first point and
+beyond its last the nozzle goes on turning as it turns there, as it goes on straight: so turning begins where the speed
+does, from rest.
 """
 
 from typing import Literal
@@ -34,10 +36,21 @@ class Holding:
         self._free = turn == "free"
         self.upright = tool_rotation(arm, path.rotation)
         self.as_shown = path.motion.has_orientation
+        self._turning = self._at_ends() if self.as_shown else (np.zeros(3), np.zeros(3))
 
     def at_lengths(self, lengths: Floats) -> Floats:
         """Return rotations (n, 3, 3) at arc lengths (n,) in m, or one (3, 3) for all where none was learned."""
-        return self.at_phases(self._path.phases_at(lengths)) if self.as_shown else self.upright
+        if not self.as_shown:
+            return self.upright
+        rotations = self.at_phases(self._path.phases_at(lengths))
+        for outside, beyond, turning in (
+            (lengths < 0.0, lengths, self._turning[0]),
+            (lengths > self._path.length, lengths - self._path.length, self._turning[1]),
+        ):
+            if outside.any():
+                on = Rotation.from_rotvec(beyond[outside][:, None] * turning).as_matrix()
+                rotations[outside] = on @ rotations[outside]
+        return rotations
 
     def at_phases(self, phases: Floats) -> Floats:
         """Return rotations (n, 3, 3) at phases (n,)."""
@@ -50,9 +63,13 @@ class Holding:
             return np.einsum("nij,jk->nik", turned, self.upright)
         return _nearest_to(kinematics(self._arm).seed_rotation[:, 0], -turned @ part[:, 2])
 
-    def at_end(self, last: bool) -> Floats:
-        """Return the rotation (3, 3) at the path's first or last point."""
-        return self.at_phases(np.array([1.0 if last else 0.0]))[0]
+    def _at_ends(self) -> tuple[Floats, Floats]:
+        """Return by how much the nozzle turns along the path where it begins and ends: turn vectors (3,) in rad/m."""
+        spacing = self._path.length / (len(self._path.lengths) - 1)
+        places = np.array([0.0, spacing, self._path.length - spacing, self._path.length])
+        turns = Rotation.from_matrix(self.at_phases(self._path.phases_at(places)))
+        first, last = (turns[1] * turns[0].inv()), (turns[3] * turns[2].inv())
+        return first.as_rotvec() / spacing, last.as_rotvec() / spacing
 
     def tilts(self, phases: Floats) -> Floats:
         """Return the angle (n,) in rad by which the nozzle's axis leaves the part's normal."""

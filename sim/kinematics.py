@@ -14,32 +14,48 @@ from functools import lru_cache
 from xml.etree import ElementTree
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from sim.arm import ArmModel, Floats
 
+FEWEST_AXES, MOST_AXES = 3, 7
 STAGES = 2
 POLISH = 14
+# With fewer than six axes a rest of the turn stays, and Newton's steps shrink by a factor only.
+POLISH_FEW = 60
 DAMPING = 1e-9
 TOLERANCE = 1e-12
 CHUNK = 2048
 REACHED = 1e-9
+LONG_STRIDE = 6
+KINDS = ("revolute", "continuous", "prismatic", "fixed")
+# Below this share of the largest, a direction in which the axes can turn the nozzle is none.
+TURNS_NOT = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
 class Joint:
-    """One joint of the chain: constant offset from the frame before it, then a turn about ``axis`` (None: fixed)."""
+    """One joint of the chain: constant offset from the frame before it, then a turn about ``axis`` or a slide along it.
+
+    ``axis`` None: fixed.
+    """
 
     name: str
+    parent: str
     child: str
     offset: Floats
     rotation: Floats
     axis: Floats | None
+    slides: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class InverseResult:
-    """Joints (n, dof) in rad, and how far the nozzle is from each pose asked for: (n,) in m and (n,) in rad."""
+    """Joints (n, dof) in rad or m, and how far the nozzle is from each pose asked for: (n,) in m and (n,) in rad.
+
+    For an arm of fewer than six axes the angle is only what the axes could still turn towards the pose.
+    """
 
     joints: Floats
     position_error: Floats
@@ -58,7 +74,10 @@ class Kinematics:
         self, urdf: str, tip: str, seed: tuple[float, ...], lower: tuple[float, ...], upper: tuple[float, ...]
     ):
         self.joints = _chain(urdf, tip)
-        self.dof = sum(joint.axis is not None for joint in self.joints)
+        self.slides = np.array([joint.slides for joint in self.joints if joint.axis is not None], dtype=bool)
+        self.dof = len(self.slides)
+        if not FEWEST_AXES <= self.dof <= MOST_AXES:
+            raise ValueError(f"the description has {self.dof} moving joints: arms of {FEWEST_AXES} to {MOST_AXES} plan")
         if self.dof != len(seed):
             raise ValueError(f"the description has {self.dof} moving joints and the home position {len(seed)} values")
         self.seed = np.array(seed)
@@ -74,7 +93,7 @@ class Kinematics:
     def jacobian(self, joints: Floats) -> Floats:
         """Return the geometric Jacobian (n, 6, dof) of the nozzle tip in the base frame: m/s then rad/s per rad/s."""
         _, position, axes, origins = self._sweep(np.ascontiguousarray(joints.T))
-        return _columns_of_jacobian(position, axes, origins).transpose(2, 1, 0)
+        return _columns_of_jacobian(position, axes, origins, self.slides).transpose(2, 1, 0)
 
     def frames(self, joints: Floats) -> dict[str, tuple[Floats, Floats]]:
         """Return for every link of the chain its position (n, 3) and rotation (n, 3, 3) in the base frame."""
@@ -99,6 +118,48 @@ class Kinematics:
             return InverseResult(np.empty((0, self.dof)), np.empty(0), np.empty(0))
         return InverseResult(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
+    def refine(self, positions: Floats, rotations: Floats, seeds: Floats) -> InverseResult:
+        """Return joints for nozzle poses by Newton's steps from seeds (n, dof) near them; what is not met is told."""
+        parts = []
+        for i in range(0, len(positions), CHUNK):
+            part = slice(i, i + CHUNK)
+            n = len(positions[part])
+            wanted = _columns(rotations if rotations.ndim == 2 else rotations[part], n)
+            parts.append(self._polish(seeds[part].T.copy(), np.ascontiguousarray(positions[part].T), wanted))
+        if not parts:
+            return InverseResult(np.empty((0, self.dof)), np.empty(0), np.empty(0))
+        return InverseResult(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+
+    def along(self, positions: Floats, rotation: Floats, start: Floats) -> InverseResult:
+        """Return joints that follow nozzle positions (n, 3) on a line from ``start`` (dof,), n at least 4.
+
+        In long strides one after the other first, each near the one before; then all of them near those.
+        """
+        rows = np.unique(np.linspace(0, len(positions) - 1, max(4, len(positions) // LONG_STRIDE)).astype(int))
+        found = [self.refine(positions[:1], rotation, start[None]).joints]
+        for row in rows[1:]:
+            ahead = found[-1] if len(found) < 2 else 2.0 * found[-1] - found[-2]
+            found.append(self.refine(positions[row][None], rotation, ahead).joints)
+        between = CubicSpline(rows, np.concatenate(found))
+        return self.refine(positions, rotation, between(np.arange(len(positions))))
+
+    def nearest(self, positions: Floats, rotations: Floats, seeds: Floats) -> InverseResult:
+        """Return joints inside the limits as near to nozzle poses as is found from seeds (n, dof) far away."""
+        goal, wanted = np.ascontiguousarray(positions.T), _columns(rotations, len(positions))
+        q, distance, angle = self._nearest(goal, wanted, seeds.T.copy())
+        return InverseResult(q.T.copy(), distance, angle)
+
+    def centred(self, joints: Floats, share: float) -> Floats:
+        """Return joints (n, dof) moved towards the middle of their ranges, as far as the nozzle stays where it is."""
+        if self.dof <= 6:
+            return joints
+        q = np.ascontiguousarray(joints.T)
+        _, position, axes, origins = self._sweep(q)
+        jacobian = _columns_of_jacobian(position, axes, origins, self.slides)
+        pull = share * (0.5 * (self.lower + self.upper)[:, None] - q)
+        weights = _solve(jacobian, _total([jacobian[k] * pull[k] for k in range(self.dof)]), DAMPING)
+        return (q + pull - _total([jacobian[:, k] * weights[k] for k in range(6)])).T.copy()
+
     def _inverse(self, positions: Floats, rotations: Floats) -> tuple[Floats, Floats, Floats]:
         n = len(positions)
         goal = np.ascontiguousarray(positions.T)
@@ -111,9 +172,20 @@ class Kinematics:
             step, _, _ = self._step(q, start + part * (goal - start), _columns(way, n), DAMPING)
             q += step
         wanted = _columns(np.asarray(rotations), n)
+        joints, distance, angle = self._polish(q, goal, wanted)
+        lost = np.flatnonzero((distance > REACHED) | (angle > REACHED) | ~np.isfinite(joints).all(axis=1))
+        if len(lost):
+            seeds = np.repeat(np.clip(self.seed, self.lower, self.upper)[:, None], len(lost), axis=1)
+            found, distance[lost], angle[lost] = self._nearest(goal[:, lost], [c[:, lost] for c in wanted], seeds)
+            joints[lost] = found.T
+        return joints, distance, angle
+
+    def _polish(self, q: Floats, goal: Floats, wanted: list[Floats]) -> tuple[Floats, Floats, Floats]:
+        """Return joints (n, dof) after Newton's steps from ``q`` (dof, n), and the errors left."""
+        n = q.shape[1]
         active = np.arange(n)
         distance, angle = np.full(n, np.inf), np.full(n, np.inf)
-        for _ in range(POLISH):
+        for _ in range(POLISH if self.dof >= 6 else POLISH_FEW):
             everything = len(active) == n
             now, there = (q, goal) if everything else (q[:, active], goal[:, active])
             turned = wanted if everything else [c[:, active] for c in wanted]
@@ -123,16 +195,15 @@ class Kinematics:
                 break
             q[:, active] += np.where(going, np.clip(step, -0.5, 0.5), 0.0)
             active = active[going]
-        lost = np.flatnonzero((distance > REACHED) | (angle > REACHED) | ~np.isfinite(q).all(axis=0))
-        if len(lost):
-            q[:, lost], distance[lost], angle[lost] = self._nearest(goal[:, lost], [c[:, lost] for c in wanted])
         return q.T.copy(), distance, angle
 
-    def _nearest(self, goal: Floats, wanted: list[Floats]) -> tuple[Floats, Floats, Floats]:
-        """Return joints inside the limits with the least pose error found: Levenberg-Marquardt, one damping a pose."""
+    def _nearest(self, goal: Floats, wanted: list[Floats], q: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return joints inside the limits with the least pose error found from joints ``q`` (dof, n).
+
+        Levenberg-Marquardt, one damping a pose.
+        """
         n = goal.shape[1]
         lower, upper = self.lower[:, None], self.upper[:, None]
-        q = np.repeat(np.clip(self.seed, self.lower, self.upper)[:, None], n, axis=1)
         damping = np.full(n, 1e-2)
         _, distance, angle = self._step(q, goal, wanted, damping)
         for _ in range(60):
@@ -162,7 +233,10 @@ class Kinematics:
         angle = np.arctan2(np.sqrt(_squared(twist)), np.clip(cosine, -1.0, 1.0))
         if distance.max(initial=0.0) <= enough and angle.max(initial=0.0) <= enough:
             return np.zeros_like(q), distance, angle
-        jacobian = _columns_of_jacobian(position, axes, origins)
+        jacobian = _columns_of_jacobian(position, axes, origins, self.slides)
+        if self.dof < 6:
+            step, angle = _step_of_few(jacobian, error, columns[2], damping)
+            return step, distance, angle
         weights = _solve(jacobian, error, damping)
         return _total([jacobian[:, k] * weights[k] for k in range(6)]), distance, angle
 
@@ -189,7 +263,10 @@ class Kinematics:
                 axis = _combine(columns, joint.axis, n)
                 axes.append(axis)
                 origins.append(position)
-                columns = _turn(columns, joint.axis, axis, cosines[moving], sines[moving])
+                if joint.slides:
+                    position = position + axis * q[moving]
+                else:
+                    columns = _turn(columns, joint.axis, axis, cosines[moving], sines[moving])
                 moving += 1
             if links is not None:
                 links[joint.child] = ([c.copy() for c in columns], position.copy())
@@ -249,15 +326,43 @@ def _columns(rotations: Floats, n: int) -> list[Floats]:
     return [np.ascontiguousarray(rotations[:, :, k].T) for k in range(3)]
 
 
-def _columns_of_jacobian(position: Floats, axes: list[Floats], origins: list[Floats]) -> Floats:
-    """Return the columns (dof, 6, n) of the geometric Jacobian."""
+def _columns_of_jacobian(position: Floats, axes: list[Floats], origins: list[Floats], slides: np.ndarray) -> Floats:
+    """Return the columns (dof, 6, n) of the geometric Jacobian; ``slides`` (dof,) go along their axis."""
     axis, arm = np.stack(axes, axis=1), position[:, None] - np.stack(origins, axis=1)
     jacobian = np.empty((axis.shape[1], 6, axis.shape[2]))
     for k in range(3):
         a, b = (k + 1) % 3, (k + 2) % 3
         jacobian[:, k] = axis[a] * arm[b] - axis[b] * arm[a]
         jacobian[:, k + 3] = axis[k]
+    if slides.any():
+        jacobian[slides, :3] = axis[:, slides].transpose(1, 0, 2)
+        jacobian[slides, 3:] = 0.0
     return jacobian
+
+
+def _step_of_few(jacobian: Floats, error: Floats, nozzle: Floats, damping: float | Floats) -> tuple[Floats, Floats]:
+    """Return the step (dof, n) of an arm with fewer than six axes, and what of the turn (n,) it could still make.
+
+    The place comes first; what the axes can do without moving the tip turns it as near to the pose as they allow.
+    With five axes that is the nozzle's axis (3, n) alone: the turn about it is free.
+    """
+    columns, wanted = jacobian.transpose(2, 1, 0), error.T[:, :, None]
+    dof, axis = columns.shape[2], nozzle.T[:, :, None]
+    shift, turn, away, twist = columns[:, :3], columns[:, 3:], wanted[:, :3], wanted[:, 3:]
+    if dof == 5:
+        across = np.eye(3) - axis @ axis.transpose(0, 2, 1)
+        turn, twist = across @ turn, across @ twist
+    back = shift.transpose(0, 2, 1)
+    damped = shift @ back + np.asarray(damping).reshape(-1, 1, 1) * np.eye(3)
+    inverse = back @ np.linalg.inv(damped)
+    step = inverse @ away
+    free = turn @ (np.eye(dof) - inverse @ shift)
+    useful, size, directions = np.linalg.svd(free, full_matrices=False)
+    reach = np.where(size > TURNS_NOT, 1.0 / np.maximum(size, TURNS_NOT), 0.0)
+    ahead = useful.transpose(0, 2, 1) @ (twist - turn @ step)
+    step = step + directions.transpose(0, 2, 1) @ (reach[:, :, None] * ahead)
+    left = (useful.transpose(0, 2, 1) @ twist)[:, :, 0] * (size > TURNS_NOT)
+    return np.ascontiguousarray(step[:, :, 0].T), np.sqrt((left**2).sum(axis=1))
 
 
 def _solve(jacobian: Floats, error: Floats, damping: float | Floats) -> Floats:
@@ -298,13 +403,21 @@ def _chain(urdf: str, tip: str) -> tuple[Joint, ...]:
         rotation = Rotation.from_euler("xyz", angles).as_matrix()
         rotation[np.abs(rotation) < 1e-15] = 0.0
         rotation[np.abs(np.abs(rotation) - 1.0) < 1e-15] = np.sign(rotation[np.abs(np.abs(rotation) - 1.0) < 1e-15])
-        axis = None
-        if element.get("type") != "fixed":
+        name, kind, axis = element.get("name", ""), element.get("type", ""), None
+        if kind not in KINDS:
+            raise ValueError(f"joint {name!r} is of type {kind!r}: it has to be one of {', '.join(KINDS)}")
+        if element.find("mimic") is not None:
+            raise ValueError(f"joint {name!r} copies another one (mimic): every joint has to move on its own")
+        if kind != "fixed":
             tag = element.find("axis")
             axis = _numbers(tag.get("xyz") if tag is not None else "1 0 0")
-            axis = axis / np.linalg.norm(axis)
-        joints.append(Joint(element.get("name", ""), link, offset, rotation, axis))
-        link = _link(element, "parent")
+            size = float(np.linalg.norm(axis))
+            if not size > 0.0:
+                raise ValueError(f"the axis of joint {name!r} is {axis.tolist()}: it has to have a direction")
+            axis = axis / size
+        parent = _link(element, "parent")
+        joints.append(Joint(name, parent, link, offset, rotation, axis, kind == "prismatic"))
+        link = parent
     if not joints:
         raise ValueError(f"the description has no link {tip!r} at the end of a chain")
     return tuple(reversed(joints))

@@ -5,11 +5,11 @@ What was dry-run is what runs.
 
 import hashlib
 import math
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, fields, replace
 from typing import Literal
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from models.motion import Motion
 from sim import checks
@@ -19,12 +19,21 @@ from sim.clearance import Box, Cell, check_clearance, part_box
 from sim.holding import Holding, NozzleTurn, quaternions
 from sim.kinematics import kinematics
 from sim.path import ToolPath
-from sim.way import Way, joint_way, line_way, path_way
+from sim.postures import Poses, Posture, other_postures
+from sim.rates import Rates, eased, rates, spline_velocities
+from sim.travel import free_way
+from sim.way import Learned, Line, Way, joint_way, path_way
 
 Timing = Literal["demonstrated", "constant_speed", "time_optimal"]
 LIFT_HOME = 0.05
-CAREFUL = (1.0, 0.8, 0.6)
-SAME_BRANCH = 1e-2
+# What another posture of the arm may mend.
+OF_THE_POSTURE = frozenset({"NoIkSolution", "JointLimit", "Singularity", "Collision", "WorkspaceLimit"})
+# A piece that still needs more than a joint may do is run so much slower than it needs, and looked at again.
+SLOWED, MENDINGS = 1.01, 12
+CHORD_SPARE = 1.02
+LINE_POSES = 51
+Piece = Callable[[float], Way | None]
+"""Makes one piece of a plan, run so many times slower than it could be."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,44 +174,86 @@ def plan_motion(
     The skill is evaluated by regression at the phase of every time step. ``cell`` is what surrounds the arm; without
     one there is the table it stands on, and the part. Raises ``MotionRefused`` with everything found.
     """
-    found = checks.check_order(order)
+    found = checks.check_order(order) or checks.check_hull(arm)
     if found:
         raise MotionRefused(found)
     frame = _unit_frame(order.frame)
     path = ToolPath(motion, frame, order.standoff, order.blend_radius)
     if not np.isfinite(path.length) or path.length < 1e-5:
         raise MotionRefused([checks.invalid("path", f"{path.length * 1e3:.3f} mm long", "longer than 0.01 mm")])
-    for share in CAREFUL[:-1]:
+    held = Holding(path, arm, order.nozzle_turn)
+    surroundings = cell or Cell()
+    part = part_box(path.points(path.lengths), frame, surroundings.table_height)
+    boxes = (surroundings.table(), part, *surroundings.fixtures)
+    found = _home_blocked(arm, boxes)
+    if found:
+        raise MotionRefused(found)
+    first: MotionRefused | None = None
+    for posture in _postures(path, order, arm, held, boxes):
         try:
-            return _planned(path, order, arm, share, (skill_digest, recipe_id), cell or Cell())
+            return _planned(path, order, arm, held, posture, (skill_digest, recipe_id), boxes)
         except MotionRefused as refused:
-            if any(finding.unit != checks.OF_THE_LIMIT for finding in refused.findings):
+            first = first or refused
+            if first.failure not in OF_THE_POSTURE:
                 raise
-    return _planned(path, order, arm, CAREFUL[-1], (skill_digest, recipe_id), cell or Cell())
+    assert first is not None
+    raise first
+
+
+def _home_blocked(arm: ArmModel, boxes: tuple[Box, ...]) -> list[Finding]:
+    """Return what touches an arm where every run starts: no posture and no way round can mend that."""
+    none = np.array([math.nan])
+    return check_clearance(arm, np.array([arm.home]), none, none, boxes, off_path="at home")[0]
+
+
+def _postures(
+    path: ToolPath, order: MotionOrder, arm: ArmModel, held: Holding, boxes: tuple[Box, ...]
+) -> Iterator[Posture | None]:
+    """Yield the postures to try: near home first (None), any other only when that one was refused."""
+    yield None
+    points = path.points(path.lengths)
+    rotations = np.broadcast_to(held.at_lengths(path.lengths), (len(points), 3, 3))
+    up = path.rotation[:, 2]
+    down = points[0] + np.linspace(order.approach_height, 0.0, LINE_POSES)[:-1, None] * up
+    lift = points[-1] + np.linspace(0.0, order.retract_height, LINE_POSES)[1:, None] * up
+    first, last = len(down), len(down) + len(points) - 1
+    turned = [np.repeat(rotations[[k]], LINE_POSES - 1, axis=0) for k in (0, -1)]
+    poses = Poses(
+        np.concatenate([down, points, lift]),
+        np.concatenate([turned[0], rotations, turned[1]]),
+        first,
+        last,
+        path.lengths,
+    )
+    yield from other_postures(arm, poses, boxes)
 
 
 def _planned(
-    path: ToolPath, order: MotionOrder, arm: ArmModel, share: float, names: tuple[str, str], surroundings: Cell
+    path: ToolPath,
+    order: MotionOrder,
+    arm: ArmModel,
+    held: Holding,
+    posture: Posture | None,
+    names: tuple[str, str],
+    boxes: tuple[Box, ...],
 ) -> MotionPlan:
-    """Return the plan whose path is timed for this share of the joints' acceleration; checked with all of it.
-
-    A corner sharper than the timing's grid takes more than the timing knows; samples show it.
-    """
-    frame = _unit_frame(order.frame)
-    held = Holding(path, arm, order.nozzle_turn)
+    """Return the plan that runs a path in one posture."""
     up = path.rotation[:, 2]
-    limits = replace(arm.limits, acceleration=tuple(share * one for one in arm.limits.acceleration))
-    main = path_way(path, order, replace(arm, limits=limits) if share < 1.0 else arm, held)
-    start, end = main.tool[0], main.tool[-1]
     home = np.array(arm.home)
-    down = line_way("approach", start + order.approach_height * up, start, order, arm, held.at_end(False))
-    lift = line_way("retract", end, end + order.retract_height * up, order, arm, held.at_end(True))
-    there = joint_way(home, (down or main).joints[0], order, arm)
-    back = joint_way((lift or main).joints[-1], home, order, arm)
-    ways = [way for way in (there, down, *main.split(), lift, back) if way is not None]
-    part = part_box(main.tool, frame, surroundings.table_height)
-    boxes = (surroundings.table(), part, *surroundings.fixtures)
-    return _assembled(ways, order, arm, *names, main, boxes)
+    learned = Learned.of(path, order, arm, held, posture)
+    (start, start_held, begins), (end, end_held, ends) = learned.ends()
+    down = Line.of(start, start + order.approach_height * up, start_held, begins, arm)
+    lift = Line.of(end, end + order.retract_height * up, end_held, ends, arm)
+    there = free_way(home, down.end if down else begins, arm, boxes)
+    back = free_way(lift.end if lift else ends, home, arm, boxes)
+    pieces: list[Piece] = [
+        lambda slower: joint_way(there, order, arm, slower),
+        lambda slower: down.in_time("approach", order, slower, backwards=True) if down else None,
+        lambda slower: path_way(learned, order, slower),
+        lambda slower: lift.in_time("retract", order, slower) if lift else None,
+        lambda slower: joint_way(back, order, arm, slower),
+    ]
+    return _sealed(_slowed(pieces, order, arm), order, arm, *names, boxes)
 
 
 def plan_home(
@@ -215,78 +266,110 @@ def plan_home(
     order = MotionOrder(speed_fraction=speed_fraction)
     here = np.asarray(joints, dtype=float)
     none = np.array([math.nan])
-    found = checks.check_joints(arm, here[None], none, none) if np.isfinite(here).all() else []
     if not np.isfinite(here).all() or len(here) != arm.dof:
-        found = [checks.invalid("joints", list(here), f"{arm.dof} finite numbers")]
+        raise MotionRefused([checks.invalid("joints", list(here), f"{arm.dof} finite numbers")])
+    found = checks.check_hull(arm) or checks.check_joints(arm, here[None], none, none)
     if found:
         raise MotionRefused(found)
-    position, rotation = (value[0] for value in kinematics(arm).forward(here[None]))
+    surroundings = cell or Cell()
+    boxes = (surroundings.table(), *surroundings.fixtures)
     home = np.array(arm.home)
+    lift = _lift(arm, here)
+    back = free_way(lift.end if lift else here, home, arm, boxes)
+    pieces: list[Piece] = [
+        lambda slower: lift.in_time("retract", order, slower) if lift else None,
+        lambda slower: joint_way(back, order, arm, slower),
+    ]
+    joined = _slowed(pieces, order, arm)
+    return _sealed(joined, order, arm, "", "", boxes)
+
+
+def _lift(arm: ArmModel, here: Floats) -> Line | None:
+    """Return the line straight up from where an arm stands, as high as home at most; None if it cannot be followed."""
+    position, rotation = (value[0] for value in kinematics(arm).forward(here[None]))
     room = float(kinematics(arm).seed_position[2] - position[2])
-    apart = kinematics(arm).inverse(position[None], rotation).joints[0] - here
-    lift = None
-    if room > 1e-3 and np.abs(apart).max() < SAME_BRANCH:
-        lift = line_way(
-            "retract", position, position + np.array([0.0, 0.0, min(LIFT_HOME, room)]), order, arm, rotation
-        )
-    if lift is not None:
-        fade = np.linspace(1.0, 0.0, len(lift.joints))[:, None]
-        lift = replace(lift, joints=lift.joints - apart * fade**2 * (3.0 - 2.0 * fade))
-    back = joint_way(lift.joints[-1] if lift else here, home, order, arm)
-    ways = [way for way in (lift, back) if way is not None] or [Way.still("travel", here, arm)]
-    return _assembled(ways, order, arm, "", "", None, ((cell or Cell()).table(), *(cell.fixtures if cell else ())))
+    if room <= 1e-3:
+        return None
+    try:
+        return Line.of(position, position + np.array([0.0, 0.0, min(LIFT_HOME, room)]), rotation, here, arm)
+    except MotionRefused:
+        return None
 
 
-def _assembled(
-    ways: list[Way],
-    order: MotionOrder,
-    arm: ArmModel,
-    skill_digest: str,
-    recipe_id: str,
-    main: Way | None,
-    boxes: tuple[Box, ...],
+@dataclass(frozen=True, slots=True, eq=False)
+class Joined:
+    """Pieces of a plan joined at their common samples: joints and velocities (n, dof), what is done between them."""
+
+    ways: tuple[Way, ...]
+    joints: Floats
+    velocities: Floats
+    rates: Rates
+
+    @property
+    def main(self) -> Way | None:
+        """Return the learned path, if there is one."""
+        return next((way for way in self.ways if way.path is not None), None)
+
+    @classmethod
+    def of(cls, ways: list[Way], order: MotionOrder) -> "Joined":
+        """Join pieces; the plan's first and last sample are at rest, and begin and end without acceleration."""
+        joints = np.concatenate([ways[0].joints, *(way.joints[1:] for way in ways[1:])])
+        if len(joints) == 1:
+            joints = np.repeat(joints, 2, axis=0)
+        joints = eased(joints, order.time_step)
+        velocities = spline_velocities(joints, order.time_step)
+        return cls(tuple(ways), joints, velocities, rates(joints, velocities, order.time_step))
+
+    def excess(self, arm: ArmModel) -> list[float]:
+        """Return by what factor each piece is too fast for an arm's limits."""
+        rows = self.rates.excess(arm.limits)
+        found, first = [], 0
+        for way in self.ways:
+            found.append(float(rows[first : first + way.steps].max(initial=0.0)))
+            first += way.steps
+        return found
+
+
+def _slowed(pieces: list[Piece], order: MotionOrder, arm: ArmModel) -> Joined:
+    """Return pieces joined, each as much slower as it has to be for no joint to exceed a limit between any samples."""
+    slower = [1.0] * len(pieces)
+    made: list[Way | None] = [piece(1.0) for piece in pieces]
+    joined = Joined.of([way for way in made if way is not None] or [_standing(arm)], order)
+    for _ in range(MENDINGS):
+        kept = [k for k, way in enumerate(made) if way is not None]
+        excess = joined.excess(arm) if kept else []
+        main = joined.main
+        for k, way in enumerate(joined.ways if kept else ()):
+            if way is main and main is not None:
+                excess[k] = max(excess[k], math.sqrt(main.report["chord_error"] / order.chord_tolerance / CHORD_SPARE))
+        late = [(kept[k], factor) for k, factor in enumerate(excess) if factor > 1.0]
+        if not late:
+            break
+        for k, factor in late:
+            slower[k] *= SLOWED * factor
+            made[k] = pieces[k](slower[k])
+        joined = Joined.of([way for way in made if way is not None], order)
+    return joined
+
+
+def _standing(arm: ArmModel) -> Way:
+    return Way.still("travel", np.array(arm.home), arm)
+
+
+def _sealed(
+    joined: Joined, order: MotionOrder, arm: ArmModel, skill_digest: str, recipe_id: str, boxes: tuple[Box, ...]
 ) -> MotionPlan:
-    """Join the ways at their common samples, check what came out, and seal it."""
-    step = order.time_step
-    joints = np.concatenate([ways[0].joints, *(way.joints[1:] for way in ways[1:])])
-    phases = np.concatenate([ways[0].phases, *(way.phases[1:] for way in ways[1:])])
-    segments: list[Segment] = []
-    first = 0
-    for way in ways:
-        segments.append(Segment(way.stage, first, first + way.steps))
-        if not np.isnan(way.phases[0]):
-            phases[first] = way.phases[0]  # the sample shared with the way before is the path's first
-        first += way.steps
-    if len(joints) == 1:
-        joints, phases = np.repeat(joints, 2, axis=0), np.repeat(phases, 2)
-        segments = [replace(segments[0], last=1)]
-    times = np.arange(len(joints), dtype=np.float64) * step
+    """Check what came out, and seal it."""
+    joints, velocities, main = joined.joints, joined.velocities, joined.main
+    segments, phases = _segments(joined)
+    times = np.arange(len(joints), dtype=np.float64) * order.time_step
     tool, rotations = kinematics(arm).forward(joints)
-    spline = CubicSpline(times, joints, bc_type="clamped")
-    velocities, accelerations = spline(times, 1), spline(times, 2)
-    velocities[0] = velocities[-1] = 0.0
     on_path = np.flatnonzero(~np.isnan(phases))
     rows = (int(on_path[0]), int(on_path[-1])) if len(on_path) else (0, -1)
     since = times - (times[rows[0]] if main else 0.0)
-    found, used = checks.check_rates(arm, (velocities, accelerations), since, phases)
-    found += checks.check_joints(arm, joints, since, phases)
-    sparse = _sparse(tool, joints)
-    near, least = checks.check_singularity(arm, joints[sparse], since[sparse], phases[sparse])
-    found += near
-    near, clearance = check_clearance(arm, joints[sparse], since[sparse], phases[sparse], boxes)
-    found += near
-    low, high = np.array(arm.workspace_low), np.array(arm.workspace_high)
-    outside = np.maximum(low - tool, tool - high).max(axis=1)
-    if main is not None and outside.max() > 1e-6 and not found:
-        i = int(outside.argmax())
-        text = (
-            f"the nozzle leaves the workspace of {arm.name} on the way to or from the path by {outside[i] * 1e3:.1f} mm"
-        )
-        found.append(Finding("WorkspaceLimit", float(since[i]), math.nan, float(outside[i]) * 1e3, "mm", text))
+    found, report = _checked(joined, segments, (tool, since, phases), arm, boxes)
     if any(finding.fatal for finding in found):
         raise MotionRefused([finding for finding in found if finding.fatal])
-    report = {f"largest_{name}_share": share for name, share in used.items()} | {"smallest_singular_value": least}
-    report["smallest_clearance"] = clearance
     valve, events, dispense, covariances = np.empty((0, 2)), (), np.zeros(len(times), dtype=bool), np.empty((0, 3, 3))
     error = (0.0, 0.0)
     if main is not None and main.path is not None:
@@ -299,13 +382,60 @@ def _assembled(
     plan = MotionPlan(
         arm.name, arm.digest, skill_digest, recipe_id, order, times, joints, velocities, tool,
         quaternions(rotations), phases, dispense,
-        tuple(segments), valve, events, rows, covariances, error, tuple(found), report,
+        segments, valve, events, rows, covariances, error, tuple(found), report,
     )  # fmt: skip
     for entry in fields(plan):
         value = getattr(plan, entry.name)
         if isinstance(value, np.ndarray):
             value.setflags(write=False)
     return replace(plan, digest=plan.content_digest())
+
+
+def _segments(joined: Joined) -> tuple[tuple[Segment, ...], Floats]:
+    """Return what is done in which samples, and the phase (n,) of every sample."""
+    phases = np.full(len(joined.joints), math.nan)
+    segments: list[Segment] = []
+    first = 0
+    for way in joined.ways:
+        for piece in way.split() if way.path is not None else (way,):
+            last = min(first + max(1, piece.steps), len(phases) - 1)
+            segments.append(Segment(piece.stage, first, last))
+            inside = ~np.isnan(piece.phases)
+            phases[first : first + len(piece.phases)][inside] = piece.phases[inside]
+            first = last
+    return tuple(segments), phases
+
+
+def _checked(
+    joined: Joined,
+    segments: tuple[Segment, ...],
+    rows: tuple[Floats, Floats, Floats],
+    arm: ArmModel,
+    boxes: tuple[Box, ...],
+) -> tuple[list[Finding], dict[str, float]]:
+    """Return what is wrong with a plan's samples, nozzle (n, 3), times and phases (n,), and the report of it."""
+    joints = joined.joints
+    tool, since, phases = rows
+    found, used = checks.check_rates(arm, joined.rates, since, phases)
+    found += checks.check_joints(arm, joints, since, phases)
+    sparse = _sparse(tool, joints)
+    led = np.zeros(len(joints), dtype=bool)
+    for segment in segments:
+        led[segment.first : segment.last + 1] |= segment.stage != "travel"
+    in_line = sparse[led[sparse]]
+    near, least = checks.check_singularity(arm, joints[in_line], since[in_line], phases[in_line])
+    found += near
+    near, clearance = check_clearance(arm, joints[sparse], since[sparse], phases[sparse], boxes)
+    found += near
+    low, high = np.array(arm.workspace_low), np.array(arm.workspace_high)
+    outside = np.maximum(low - tool, tool - high).max(axis=1)
+    if joined.main is not None and outside.max() > 1e-6 and not found:
+        i = int(outside.argmax())
+        size = float(outside[i]) * 1e3
+        text = f"the nozzle leaves the workspace of {arm.name} on the way to or from the path by {size:.1f} mm"
+        found.append(Finding("WorkspaceLimit", float(since[i]), math.nan, size, "mm", text))
+    report = {f"largest_{name}_share": share for name, share in used.items()} | {"smallest_singular_value": least}
+    return found, report | {"smallest_clearance": clearance}
 
 
 def valve_open(valve: Floats, times: Floats, lead: Floats | float) -> Bools:

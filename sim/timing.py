@@ -2,8 +2,9 @@
 
 The fastest speed along a path under bounds on joint velocity and acceleration follows Bobrow, Dubowsky and Gibson
 (1985): a ceiling at every place, then one sweep forward and one back with the acceleration allowed there. Two short
-moving averages in time make the jerk finite (Biagiotti and Melchiorri, Trajectory Planning, section 4.5): they change
-when the nozzle is where, never where it is. Ramps on a straight line and joint moves are ruckig's (Berscheid and
+moving averages in time make the jerk finite (Biagiotti and Melchiorri, Trajectory Planning, section 4.5). So that the
+average stays below the ceiling, dips of the ceiling are widened and peaks of the speed are cut flat by as much time as
+the averages take (erosion and opening, Serra, 1982). Joint moves and straight lines are ruckig's (Berscheid and
 Kroeger, 2021), solved offline.
 """
 
@@ -13,17 +14,19 @@ from typing import Any
 
 import numpy as np
 from ruckig import InputParameter, Result, Ruckig, Trajectory
-from scipy.interpolate import CubicSpline, make_interp_spline
-from scipy.ndimage import minimum_filter1d
+from scipy.interpolate import CubicHermiteSpline, make_interp_spline
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from sim.arm import Floats, Limits, PathLimits
 
-TICK = 5e-4
-VELOCITY_SHARE, CORNER_SHARE, ACCELERATION_SHARE, JERK_SHARE = 0.95, 0.6, 0.95, 0.9
-ROUNDS = 16
-# What is kept at every tick is kept between the ticks as well.
-NEARLY = 0.99
-MOST_TICKS = 400_000
+TICK, LONGEST_TICK, MOST_TICKS = 5e-4, 4e-3, 400_000
+VELOCITY_SHARE, ACCELERATION_SHARE, JERK_SHARE = 0.95, 0.95, 0.6
+# Of its acceleration and jerk, what a joint may need for the way's bends alone: where the speed is even, and elsewhere.
+EVEN, BENT, BENT_JERK, TURNING_JERK = 0.95, 0.6, 0.4, 0.35
+SECOND_AVERAGE = 0.6
+# The averages are felt a little farther than half their widths, as the nozzle is where the mean is.
+WIDER = 1.25
+LEAST_PUSH = 1e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,106 +58,26 @@ class TimeLaw:
 class JointPath:
     """Joints along a path by arc length, with the derivatives that bound the speed.
 
-    ``lengths`` (g,), ``joints`` (g, dof).
+    ``lengths`` (g,) evenly spaced, ``joints`` (g, dof).
     """
 
     def __init__(self, lengths: Floats, joints: Floats) -> None:
         self.lengths = lengths
+        self.joints = joints
         self.spline = make_interp_spline(lengths, joints, k=5)
         self.first, self.second, self.third = (np.abs(self.spline.derivative(k)(lengths)) for k in (1, 2, 3))
 
-    def ceiling(self, limits: Limits) -> Floats:
-        """Return the speed (g,) in m/s at which no joint's velocity, centripetal acceleration or jerk is too large."""
+    def ceiling(self, limits: Limits, *, even: bool) -> Floats:
+        """Return the speed (g,) in m/s at which no joint's velocity, centripetal acceleration or jerk is too large.
+
+        ``even``: at a speed that does not change; otherwise something is left for changing it.
+        """
         velocity, acceleration, jerk = _rows(limits)
         with np.errstate(divide="ignore"):
             by_velocity = (VELOCITY_SHARE * velocity / self.first).min(axis=1)
-            by_acceleration = np.sqrt((CORNER_SHARE * acceleration / self.second).min(axis=1))
-            by_jerk = np.cbrt((CORNER_SHARE * jerk / self.third).min(axis=1))
+            by_acceleration = np.sqrt(((EVEN if even else BENT) * acceleration / self.second).min(axis=1))
+            by_jerk = np.cbrt(((EVEN if even else BENT_JERK) * jerk / self.third).min(axis=1))
         return np.minimum(np.minimum(by_velocity, by_acceleration), by_jerk)
-
-    def excess(self, law: "TimeLaw | SteadyLaw", limits: Limits, times: Floats) -> tuple[Floats, Floats]:
-        """Return the arc length (n,) at times, and by what factor (n,) the speed there is too high for the limits."""
-        at = law.lengths(times)
-        speed, push, jolt = (value[:, None] for value in law.derivatives(times))
-        first, second, third = (self.spline.derivative(k)(at) for k in (1, 2, 3))
-        velocity, acceleration, jerk = _rows(limits)
-        of_velocity = np.abs(first * speed) / velocity
-        of_acceleration = np.abs(second * speed**2 + first * push) / acceleration
-        of_jerk = np.abs(third * speed**3 + 3 * second * speed * push + first * jolt) / jerk
-        worst = np.maximum(of_velocity.max(axis=1), np.sqrt(of_acceleration.max(axis=1)))
-        return at, np.maximum(worst, np.cbrt(of_jerk.max(axis=1)))
-
-
-def s_curve(start: float, end: float, speed: float, bounds: PathLimits) -> TimeLaw:
-    """Return rest to rest along a straight or long way at constant ``speed``, with jerk-limited ramps."""
-    trajectory = _ruckig([start], [end], [speed], [bounds.acceleration], [bounds.jerk])
-    times = _ticks(trajectory.duration)
-    values = np.array([trajectory.at_time(t)[0][0] for t in times])
-    return _law(times, values, start, end)
-
-
-@dataclass(frozen=True, slots=True)
-class SteadyLaw:
-    """Constant speed from arc length 0 to ``length``, with a ramp of ``ramp`` s before and after it.
-
-    The speed rises as a cubic step, so the ramp's way is half the speed times its time. Answers as a ``TimeLaw``.
-    """
-
-    length: float
-    speed: float
-    ramp: float
-
-    @property
-    def start(self) -> float:
-        """Arc length in m at time 0."""
-        return -0.5 * self.speed * self.ramp
-
-    @property
-    def end(self) -> float:
-        """Arc length in m at the end."""
-        return self.length - self.start
-
-    @property
-    def duration(self) -> float:
-        """Time in s from rest to rest."""
-        return self.length / self.speed + 2.0 * self.ramp
-
-    def lengths(self, times: Floats) -> Floats:
-        """Return the arc length (n,) at times (n,) in s."""
-        up, down = self._ramps(times)
-        steady = np.clip(times - self.ramp, 0.0, self.length / self.speed) * self.speed
-        way = up**3 - 0.5 * up**4 - 0.5, 0.5 - (down**3 - 0.5 * down**4)
-        return steady + self.speed * self.ramp * (way[0] + way[1])
-
-    def speeds(self, times: Floats) -> Floats:
-        """Return the speed along the path (n,) in m/s."""
-        return self.derivatives(times)[0]
-
-    def derivatives(self, times: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return speed, acceleration and jerk along the path, each (n,)."""
-        up, down = self._ramps(times)
-        inside = np.minimum(up, down)
-        sign = np.where(up <= down, 1.0, -1.0)
-        moving = inside < 1.0
-        return (
-            self.speed * inside**2 * (3.0 - 2.0 * inside),
-            sign * self.speed / self.ramp * 6.0 * inside * (1.0 - inside),
-            np.where(moving, self.speed / self.ramp**2 * 6.0 * (1.0 - 2.0 * inside), 0.0),
-        )
-
-    def _ramps(self, times: Floats) -> tuple[Floats, Floats]:
-        """Return how much of the first and of the last ramp is speed, 0..1."""
-        return np.clip(times / self.ramp, 0.0, 1.0), np.clip((self.duration - times) / self.ramp, 0.0, 1.0)
-
-
-def steady(length: float, speed: float, step: float, bounds: PathLimits) -> SteadyLaw:
-    """Return constant speed, at most ``speed``, with ramp and path of a whole number of steps each.
-
-    So the first and the last sample on the path are the path's own ends.
-    """
-    even = length / (math.ceil(length / (speed * step) - 1e-9) * step)
-    shortest = max(1.5 * even / bounds.acceleration, math.sqrt(6.0 * even / bounds.jerk))
-    return SteadyLaw(length, even, math.ceil(shortest / step) * step)
 
 
 def joint_move(start: Floats, end: Floats, limits: Limits, share: float) -> tuple[float, Any]:
@@ -168,45 +91,57 @@ def joint_move(start: Floats, end: Floats, limits: Limits, share: float) -> tupl
     return trajectory.duration, positions
 
 
-def fastest(
-    path: JointPath, limits: Limits, bounds: PathLimits, wanted: Floats, ceiling: Floats
-) -> tuple[TimeLaw, Floats]:
-    """Return the quickest law from rest to rest that nowhere exceeds ``wanted`` (g,) m/s, the ceiling or the limits.
+def fastest(path: JointPath, limits: Limits, bounds: PathLimits, top: Floats, brake: Floats | float = 1.0) -> TimeLaw:
+    """Return the quickest law from rest to rest along a path that stays below ``top`` (g,) m/s and can be accelerated.
 
-    Also returns the speed (g,) allowed at every place, so that a slow-down can be told with where it is and why.
+    Ramps are sized from what the joints can do at each place; ``brake`` (g,) is a share of that.
     """
-    acceleration = np.array(limits.acceleration)
-    allowed = np.minimum(ceiling, bounds.speed)
-    brake = np.ones_like(allowed)
-    law = None
-    for _ in range(ROUNDS):
-        top = np.minimum(wanted, allowed)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            left = (ACCELERATION_SHARE * acceleration - path.second * top[:, None] ** 2) / path.first
-        push = np.minimum(bounds.acceleration, np.where(np.isnan(left), np.inf, left).min(axis=1)) * brake
-        law = _smoothed(path.lengths, _sweeps(path.lengths, top, np.maximum(push, 1e-3)), bounds)
-        times = _ticks(law.duration)
-        at, factor = path.excess(law, limits, times)
-        over = factor > NEARLY
-        if not over.any():
-            break
-        cut = np.ones_like(allowed)
-        nodes = np.clip(np.searchsorted(path.lengths, at[over]), 0, len(cut) - 1)
-        np.minimum.at(cut, nodes, 0.97 / factor[over])
-        spread = max(3, round(1e-3 / max(path.lengths[1] - path.lengths[0], 1e-9)))
-        cut = minimum_filter1d(cut, 2 * spread + 1)
-        allowed, brake = np.minimum(allowed, np.maximum(law_speed(law, path.lengths), 1e-4)) * cut, brake * cut**2
-        allowed = np.where(cut < 1.0, allowed, np.minimum(ceiling, bounds.speed))
-    assert law is not None
-    return law, allowed
+    top = np.minimum(top, bounds.speed)
+    push, width = ramps(path, limits, bounds, top)
+    push = np.maximum(push * brake, LEAST_PUSH)
+    lengths = path.lengths
+    swept = _sweeps(lengths, top, push)
+    widest = (1.0 + SECOND_AVERAGE) * width
+    top = np.minimum(top, _widened(lengths, top, swept, WIDER * widest))
+    return _smoothed(lengths, _sweeps(lengths, top, push), width)
+
+
+def ramps(path: JointPath, limits: Limits, bounds: PathLimits, top: Floats) -> tuple[Floats, float]:
+    """Return the acceleration (g,) in m/s² that the joints leave at each place, and the time in s it takes to rise.
+
+    ``top`` (g,) in m/s is how fast the nozzle may be there.
+    """
+    _, acceleration, jerk = _rows(limits)
+    speed = top[:, None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        bend = np.minimum(path.second * speed**2, BENT * acceleration)
+        left = np.nan_to_num((ACCELERATION_SHARE * acceleration - bend) / path.first, nan=np.inf)
+        turning = np.nan_to_num(TURNING_JERK * jerk / (3.0 * path.second * speed), nan=np.inf)
+        by_jerk = np.nan_to_num(JERK_SHARE * jerk / path.first, nan=np.inf)
+    rise = np.minimum(bounds.jerk, by_jerk.min(axis=1))
+    push = np.minimum(np.minimum(bounds.acceleration, left.min(axis=1)), np.sqrt(float(top.max()) * rise))
+    width = float((push / rise).max())
+    return np.minimum(push, np.maximum(turning.min(axis=1), 0.1 * push)), width
 
 
 def law_speed(law: TimeLaw, lengths: Floats) -> Floats:
     """Return the speed (g,) in m/s that a law has at each arc length."""
-    times = _ticks(law.duration)
+    times = law.spline.x
     at = law.lengths(times)
     rising = np.concatenate([[True], np.diff(at) > 0.0])
     return np.interp(lengths, at[rising], law.speeds(times)[rising])
+
+
+def time_at(law: TimeLaw, length: float) -> float:
+    """Return the time in s at which a law is at an arc length inside it."""
+    times = law.spline.x
+    at = law.lengths(times)
+    row = int(np.clip(np.searchsorted(at, length), 1, len(at) - 1))
+    low, high = float(times[row - 1]), float(times[row])
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if float(law.lengths(np.array([middle]))[0]) < length else (low, middle)
+    return 0.5 * (low + high)
 
 
 def _sweeps(lengths: Floats, top: Floats, push: Floats) -> Floats:
@@ -220,39 +155,67 @@ def _sweeps(lengths: Floats, top: Floats, push: Floats) -> Floats:
     return np.sqrt(np.maximum(square, 0.0))
 
 
-def _smoothed(lengths: Floats, speeds: Floats, bounds: PathLimits) -> TimeLaw:
-    """Return a law that follows the speeds, with finite jerk."""
-    steps = 2.0 * np.diff(lengths) / np.maximum(speeds[1:] + speeds[:-1], 1e-6)
+def _in_time(lengths: Floats, speeds: Floats, tick: float) -> tuple[Floats, Floats, Floats]:
+    """Return ticks (t,) in s, and arc length and speed (t,) at them, for a speed that changes evenly between places."""
+    steps = 2.0 * np.diff(lengths) / np.maximum(speeds[1:] + speeds[:-1], 1e-7)
     nodes = np.concatenate([[0.0], np.cumsum(steps)])
-    times = _ticks(float(nodes[-1]))
+    tick = max(tick, float(nodes[-1]) / MOST_TICKS)
+    times = np.arange(max(16, math.ceil(float(nodes[-1]) / tick)) + 1, dtype=np.float64) * tick
     cell = np.clip(np.searchsorted(nodes, times, side="right") - 1, 0, len(steps) - 1)
-    since = times - nodes[cell]
+    since = np.minimum(times - nodes[cell], steps[cell])
     slope = (speeds[cell + 1] - speeds[cell]) / steps[cell]
-    values = lengths[cell] + since * (speeds[cell] + 0.5 * slope * since)
-    tick = times[1] - times[0]
-    for share in (1.0, 0.6):
-        width = max(3, round(share * bounds.acceleration / bounds.jerk / tick))
-        padded = np.concatenate([np.full(width - 1, lengths[0]), values, np.full(width - 1, lengths[-1])])
-        total = np.concatenate([[0.0], np.cumsum(padded - lengths[0])])
-        values = (total[width:] - total[:-width]) / width + lengths[0]
-    values = np.maximum.accumulate(np.clip(values, lengths[0], lengths[-1]))
-    values[-1] = lengths[-1]
-    return _law(np.arange(len(values)) * tick, values, float(lengths[0]), float(lengths[-1]))
+    return times, lengths[cell] + since * (speeds[cell] + 0.5 * slope * since), speeds[cell] + slope * since
 
 
-def _law(times: Floats, values: Floats, start: float, end: float) -> TimeLaw:
-    rest = [(1, 0.0), (2, 0.0)]
-    spline = (
-        make_interp_spline(times, values, k=5, bc_type=(rest, rest))
-        if len(times) > 8
-        else CubicSpline(times, values, bc_type="clamped")
+def _widened(lengths: Floats, top: Floats, swept: Floats, width: float) -> Floats:
+    """Return the ceiling (g,) that is nowhere above ``top`` within half of ``width`` s before and after."""
+    times, at, _ = _in_time(lengths, swept, _tick(width))
+    tick = float(times[1])
+    # The lowest node in a tick counts, however narrow: every node lowers the tick before and after it.
+    ceiling = np.interp(at, lengths, top)
+    place = np.searchsorted(at, lengths)
+    np.minimum.at(ceiling, np.clip(place, 0, len(at) - 1), top)
+    np.minimum.at(ceiling, np.clip(place - 1, 0, len(at) - 1), top)
+    low = minimum_filter1d(ceiling, 2 * math.ceil(0.5 * width / tick) + 1, mode="nearest")
+    rising = np.concatenate([[True], np.diff(at) > 0.0])
+    return np.interp(lengths, at[rising], low[rising])
+
+
+def _smoothed(lengths: Floats, speeds: Floats, width: float) -> TimeLaw:
+    """Return a law that follows the speeds, with accelerations that take ``width`` s to rise."""
+    times, at, speed = _in_time(lengths, speeds, _tick(width))
+    tick = float(times[1])
+    wide = max(3, math.ceil(width / tick)), max(3, math.ceil(SECOND_AVERAGE * width / tick))
+    flat = 2 * math.ceil(0.5 * sum(wide)) + 1
+    cut = maximum_filter1d(
+        minimum_filter1d(speed, flat, mode="constant", cval=math.inf), flat, mode="constant", cval=-math.inf
     )
-    return TimeLaw(float(times[-1]), start, end, spline)
+    if (cut < speed * (1.0 - 1e-9)).any():
+        cut = np.minimum(cut, speed)
+        rising = np.concatenate([[True], np.diff(at) > 0.0])
+        lower = np.minimum(speeds, np.interp(lengths, at[rising], cut[rising]))
+        times, at, speed = _in_time(lengths, lower, tick)
+    start, end = float(lengths[0]), float(lengths[-1])
+    for count in wide:
+        padded = np.concatenate([np.full(count - 1, start), at, np.full(count - 1, end)])
+        total = np.concatenate([[0.0], np.cumsum(padded - start)])
+        at = (total[count:] - total[:-count]) / count + start
+    at = np.maximum.accumulate(np.clip(at, start, end))
+    at[0], at[-1] = start, end
+    times = np.arange(len(at)) * float(times[1])
+    return TimeLaw(float(times[-1]), start, end, CubicHermiteSpline(times, at, _slopes(at, float(times[1]))))
 
 
-def _ticks(duration: float) -> Floats:
-    count = int(np.clip(np.ceil(duration / TICK), 16, MOST_TICKS))
-    return np.linspace(0.0, duration, count + 1, dtype=np.float64)
+def _slopes(values: Floats, tick: float) -> Floats:
+    """Return the derivative (t,) of even samples, to the fourth order inside, at rest at both ends."""
+    slopes = np.zeros_like(values)
+    slopes[1:-1] = (values[2:] - values[:-2]) / (2.0 * tick)
+    slopes[2:-2] = (8.0 * (values[3:-1] - values[1:-3]) - (values[4:] - values[:-4])) / (12.0 * tick)
+    return np.maximum(slopes, 0.0)
+
+
+def _tick(width: float) -> float:
+    return float(np.clip(width / 24.0, TICK, LONGEST_TICK))
 
 
 def _rows(limits: Limits) -> tuple[Floats, Floats, Floats]:

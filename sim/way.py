@@ -5,6 +5,7 @@ A joint move, a straight line, the learned path. Each starts and ends at rest, o
 
 import math
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,17 +16,19 @@ from sim.arm import ArmModel, Floats, PathLimits, Stage
 from sim.checks import Finding, MotionRefused
 from sim.holding import Holding
 from sim.kinematics import kinematics
-from sim.laws import law_for
+from sim.laws import Followed, clock_of, law_for, time_at
 from sim.path import ToolPath
-from sim.timing import SteadyLaw, TimeLaw, joint_move, s_curve
+from sim.postures import Posture
+from sim.timing import JointPath, TimeLaw, fastest, joint_move
 
 if TYPE_CHECKING:
     from sim.plan import MotionOrder
 
 TRAVEL_SHARE = 0.4
-LINE_SPEED = 0.1
+LINE_SPEED, LINE_STRIDE, LINE_FEWEST = 0.1, 1e-3, 16
 LINE_ACCELERATION, LINE_JERK = 1.0, 50.0
-LINE_TRIALS, LINE_SHARE = 4, 0.9
+# A piece has at least so many steps: fewer tell nothing of its acceleration.
+FEWEST_STEPS = 6
 NEAR = 1e-9
 
 
@@ -42,7 +45,7 @@ class Way:
     tool: Floats
     phases: Floats
     path: ToolPath | None = None
-    law: TimeLaw | SteadyLaw | None = None
+    law: TimeLaw | None = None
     stretch: float = 1.0
     marks: tuple[int, int] = (0, 0)
     path_error: tuple[float, float] = (0.0, 0.0)
@@ -76,94 +79,127 @@ class Way:
     def time_of(self, length: float) -> float:
         """Return the time in s since the learned path's first sample at which the nozzle is at an arc length."""
         assert self.law is not None
-        grid = np.linspace(0.0, self.law.duration, 20_001)
-        at = self.law.lengths(grid)
-        step = self.report["time_step"]
-        first = self.marks[0] * step
-        return float(np.interp(length, at, grid)) / self.stretch - first
+        assert self.path is not None
+        begins = time_at(self.law, 0.0) if self.law.start < 0.0 else 0.0
+        return (time_at(self.law, length) - begins) / self.stretch
 
 
-def joint_way(start: Floats, end: Floats, order: "MotionOrder", arm: ArmModel) -> Way | None:
-    """Return the jerk-limited joint move between two positions, None if they are the same."""
-    if np.abs(end - start).max() < 1e-9:
+def joint_way(places: list[Floats], order: "MotionOrder", arm: ArmModel, slower: float = 1.0) -> Way | None:
+    """Return the jerk-limited joint moves from each place (dof,) to the next, None if they are all the same."""
+    pieces: list[Floats] = []
+    for start, end in pairwise(places):
+        if np.abs(end - start).max() < 1e-9:
+            continue
+        duration, positions = joint_move(start, end, arm.limits, TRAVEL_SHARE)
+        tool = kinematics(arm).forward(positions(np.linspace(0.0, duration, 101)))[0]
+        fastest_tool = np.sqrt((np.diff(tool, axis=0) ** 2).sum(axis=1)).max() / (duration / 100)
+        longer = max(1.0, fastest_tool / arm.path_limits.speed) * slower / _rate(order)
+        steps = max(FEWEST_STEPS, math.ceil(duration * longer / order.time_step - 1e-9))
+        joints = positions(np.arange(steps + 1, dtype=np.float64) * (duration / steps))
+        joints[0], joints[-1] = start, end
+        pieces.append(joints if not pieces else joints[1:])
+    if not pieces:
         return None
-    duration, positions = joint_move(start, end, arm.limits, TRAVEL_SHARE)
-    grid = positions(np.linspace(0.0, duration, 101))
-    tool = kinematics(arm).forward(grid)[0]
-    fastest_tool = np.sqrt((np.diff(tool, axis=0) ** 2).sum(axis=1)).max() / (duration / 100)
-    slower = max(1.0, fastest_tool / arm.path_limits.speed) / _rate(order)
-    steps = max(1, math.ceil(duration * slower / order.time_step - 1e-9))
-    joints = positions(np.arange(steps + 1, dtype=np.float64) * (duration / steps))
-    joints[0], joints[-1] = start, end
-    return Way("travel", joints, kinematics(arm).forward(joints)[0], np.full(steps + 1, math.nan))
+    whole = np.concatenate(pieces)
+    return Way("travel", whole, kinematics(arm).forward(whole)[0], np.full(len(whole), math.nan))
 
 
-def line_way(
-    stage: Stage, start: Floats, end: Floats, order: "MotionOrder", arm: ArmModel, rotation: Floats
-) -> Way | None:  # fmt: skip
-    """Return the straight line between two nozzle positions with one rotation (3, 3), None if they are the same."""
-    length = float(np.linalg.norm(end - start))
-    if length < 1e-9:
-        return None
-    speed = min(LINE_SPEED, arm.path_limits.speed)
-    law = s_curve(0.0, length, speed, PathLimits(speed, LINE_ACCELERATION, LINE_JERK, ""))
-    slower = 1.0 / _rate(order)
+@dataclass(frozen=True, slots=True, eq=False)
+class Line:
+    """A straight line of the nozzle with one rotation (3, 3), as an arm follows it from joints (dof,) at its start."""
 
-    def in_time() -> Way:
-        steps = max(1, math.ceil(law.duration * slower / order.time_step - 1e-9))
-        part = law.lengths(np.arange(steps + 1, dtype=np.float64) * (law.duration / steps)) / length
-        points = start + part[:, None] * (end - start)
-        solved = kinematics(arm).inverse(points, rotation)
+    start: Floats
+    way: Floats
+    rotation: Floats
+    arm: ArmModel
+    joints: JointPath
+
+    @classmethod
+    def of(cls, start: Floats, end: Floats, rotation: Floats, joints: Floats, arm: ArmModel) -> "Line | None":
+        """Follow the line between nozzle positions (3,), step by step; None if they are the same.
+
+        Raises ``MotionRefused`` where the arm cannot.
+        """
+        length = float(np.sqrt(((end - start) ** 2).sum()))
+        if length < 1e-9:
+            return None
+        count = max(LINE_FEWEST, math.ceil(length / LINE_STRIDE))
+        points = start + np.linspace(0.0, 1.0, count + 1)[:, None] * (end - start)
+        solved = kinematics(arm).along(points, rotation, joints)
         none = np.full(len(points), math.nan)
         found = checks.check_reach(arm, points, solved, none, none)
+        found = found or checks.check_posture(arm, solved.joints, none, none)
         if found:
             raise MotionRefused(found)
-        return Way(stage, solved.joints, points, none)
+        return cls(
+            start, (end - start) / length, rotation, arm, JointPath(np.linspace(0.0, length, count + 1), solved.joints)
+        )
 
-    way = in_time()
-    for _ in range(LINE_TRIALS):
-        excess = _excess(way.joints, arm, order.time_step)
-        if excess <= LINE_SHARE:
-            break
-        slower *= 1.05 * excess / LINE_SHARE
-        way = in_time()
-    return way
+    @property
+    def end(self) -> Floats:
+        """Return the joints (dof,) at its end."""
+        return self.joints.joints[-1]
+
+    def in_time(self, stage: Stage, order: "MotionOrder", slower: float = 1.0, *, backwards: bool = False) -> Way:
+        """Return the line in time, from rest to rest."""
+        bounds = PathLimits(
+            min(LINE_SPEED, self.arm.path_limits.speed),
+            min(LINE_ACCELERATION, self.arm.path_limits.acceleration),
+            min(LINE_JERK, self.arm.path_limits.jerk),
+            "",
+        )
+        top = np.full(len(self.joints.lengths), bounds.speed)
+        law = fastest(
+            self.joints, self.arm.limits, bounds, np.minimum(top, self.joints.ceiling(self.arm.limits, even=False))
+        )
+        steps = max(FEWEST_STEPS, math.ceil(law.duration * slower / _rate(order) / order.time_step - 1e-9))
+        at = law.lengths(np.arange(steps + 1, dtype=np.float64) * (law.duration / steps))
+        points = self.start + at[:, None] * self.way
+        joints = kinematics(self.arm).refine(points, self.rotation, self.joints.spline(at)).joints
+        turn = slice(None, None, -1 if backwards else 1)
+        return Way(stage, joints[turn].copy(), points[turn].copy(), np.full(len(at), math.nan))
 
 
-def _excess(joints: Floats, arm: ArmModel, step: float) -> float:
-    """Return by what factor joints (n, dof), one row a step, are too fast for an arm's limits."""
-    if len(joints) < 3:
-        return 0.0
-    rates = np.diff(joints, axis=0) / step
-    pushes = np.diff(rates, axis=0) / step
-    by_speed = float((np.abs(rates) / np.array(arm.limits.velocity)).max())
-    return max(by_speed, math.sqrt(float((np.abs(pushes) / np.array(arm.limits.acceleration)).max())))
+@dataclass(frozen=True, slots=True, eq=False)
+class Learned:
+    """The learned path with its time law: ``law`` at full pace, ``told`` what had to be slowed for it."""
+
+    followed: Followed
+    law: TimeLaw
+    told: tuple[Finding, ...]
+
+    @classmethod
+    def of(
+        cls, path: ToolPath, order: "MotionOrder", arm: ArmModel, held: Holding, posture: Posture | None
+    ) -> "Learned":
+        """Find the law that an order asks for. Raises ``MotionRefused``."""
+        followed, law, told = law_for(path, order, arm, held, posture)
+        return cls(followed, law, tuple(told))
+
+    def ends(self) -> tuple[tuple[Floats, Floats, Floats], tuple[Floats, Floats, Floats]]:
+        """Return nozzle (3,), rotation (3, 3) and joints (dof,) at the very first and the very last place."""
+        at = np.array([self.law.start, self.law.end])
+        solved, points = self.followed.at(at)
+        rotations = np.broadcast_to(self.followed.held.at_lengths(at), (2, 3, 3))
+        return (points[0], rotations[0], solved.joints[0]), (points[1], rotations[1], solved.joints[1])
 
 
-def path_way(path: ToolPath, order: "MotionOrder", arm: ArmModel, held: Holding) -> Way:
+def path_way(learned: Learned, order: "MotionOrder", slower: float = 1.0) -> Way:
     """Return the learned path in time; with a straight run-in and run-out if the speed is to be constant."""
-    rate = _rate(order)
-    law, told = law_for(path, order, arm, held, order.time_step * rate)
-    steps = max(1, math.ceil(law.duration / rate / order.time_step - 1e-9))
-    stretch = law.duration / (steps * order.time_step)
-    clock = np.arange(steps + 1, dtype=np.float64) * (law.duration / steps)
-    at = law.lengths(clock)
-    tool = path.points(at)
-    rotations = held.at_lengths(at)
-    joints = kinematics(arm).inverse(tool, rotations).joints
-    inside = (at >= -NEAR) & (at <= path.length + NEAR)
-    first, last = int(np.argmax(inside)), int(len(at) - 1 - np.argmax(inside[::-1]))
+    followed, law = learned.followed, learned.law
+    path, held = followed.path, followed.held
+    clock = clock_of(law, path.length, order.time_step * _rate(order) / slower)
+    stretch = clock.stretch * _rate(order) / slower
+    at = law.lengths(clock.times)
+    first, last = clock.first, clock.last
+    at[first], at[last] = 0.0, path.length
+    solved, tool = followed.at(at)
+    inside = np.arange(len(at))
+    inside = (inside >= first) & (inside <= last)
     row_phases = np.where(inside, path.phases_at(at), math.nan)
-    speeds = law.speeds(clock)[first : last + 1] * stretch
+    speeds = law.speeds(clock.times)[first : last + 1] * stretch
     error, chord = _path_error(path, at[first : last + 1], tool[first : last + 1])
     longest = order.time_step * math.sqrt(order.chord_tolerance / chord) if chord > 0.0 else math.inf
-    if chord > order.chord_tolerance * 1.02:
-        text = (
-            f"time step is {order.time_step * 1e3:.3g} ms: straight lines between the samples cut the path by "
-            f"{chord * 1e3:.3f} mm where {order.chord_tolerance * 1e3:.3f} mm are allowed: at most "
-            f"{longest * 1e3:.2g} ms, or go slower"
-        )
-        raise MotionRefused([Finding("ParameterInvalid", math.nan, math.nan, chord * 1e3, "mm", text)])
     report = _held_report(path, held, at[first : last + 1], order.time_step) | {
         "length": path.length,
         "path_duration": (last - first) * order.time_step,
@@ -174,7 +210,9 @@ def path_way(path: ToolPath, order: "MotionOrder", arm: ArmModel, held: Holding)
         "longest_time_step": min(longest, checks.LONGEST_STEP),
         "time_step": order.time_step,
     }
-    return Way("dispense", joints, tool, row_phases, path, law, stretch, (first, last), error, tuple(told), report)
+    return Way(
+        "dispense", solved.joints, tool, row_phases, path, law, stretch, (first, last), error, learned.told, report
+    )
 
 
 def _held_report(path: ToolPath, held: Holding, at: Floats, step: float) -> dict[str, float]:

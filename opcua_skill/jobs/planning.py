@@ -47,7 +47,7 @@ class Planning:
             plan_skill,
             description.motion(),
             motion_order(recipe, speed_fraction),
-            station.model.name,
+            station.model,
             description.model_digest,
             recipe.recipe_id,
             station.cell,
@@ -59,7 +59,7 @@ class Planning:
         joints = tuple(station.arm.state().joints)
         what = f"planning the way home on {station.name}"
         return await self._workers.run(
-            what, plan_way_home, station.model.name, joints, station.cell, seconds=PLANNING_SECONDS
+            what, plan_way_home, station.model, joints, station.cell, seconds=PLANNING_SECONDS
         )
 
     async def trajectory(self, description: SkillDescription, time_step: float) -> Trajectory:

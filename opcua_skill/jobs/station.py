@@ -16,7 +16,9 @@ from opcua_skill.endings import in_background
 from opcua_skill.jobs.reasons import ArmNotReady
 from opcua_skill.lane import Lane, is_lost
 from opcua_skill.settings import Workstation
+from sim import arms
 from sim.arm import Arm, ArmError, ArmMode, ArmModel, ArmState
+from sim.checks import check_hull
 from sim.clearance import Box, Cell
 from sim.gate import START_TOLERANCE
 
@@ -155,6 +157,27 @@ def cell_of(workstation: Workstation) -> Cell:
     """Return what surrounds a workstation's arm, as configured."""
     boxes = tuple(Box(one.name, one.pose, one.size) for one in workstation.fixtures)
     return Cell(boxes, workstation.table_height)
+
+
+def model_of(workstation: Workstation) -> ArmModel:
+    """Return a workstation's arm with what the workstation changes of it.
+
+    Raises ``ValueError`` with one sentence where there is no such arm, or where it does not fit.
+    """
+    tool = workstation.tool
+    checked = workstation.collisions == "checked"
+    changes = arms.Changes(
+        workspace_low=workstation.workspace_low,
+        workspace_high=workstation.workspace_high,
+        home=workstation.home,
+        tip=tool.offset if tool else None,
+        tip_turn=tool.turn if tool else (0.0, 0.0, 0.0),
+        collisions_checked=checked,
+    )
+    model = arms.changed(arms.load(workstation.arm), changes)
+    for finding in check_hull(model):
+        raise ValueError(finding.text)
+    return model
 
 
 def atomic_skills_of(workstation: Workstation, model: ArmModel) -> frozenset[str]:

@@ -189,12 +189,17 @@ def test_a_blend_radius_makes_the_same_corner_possible(panda):
     assert 3e-4 < plan.path_error[1] < 9e-4
 
 
-def test_a_time_step_that_is_too_long_is_refused_with_the_longest_that_is_not():
+def test_a_time_step_that_is_too_long_for_a_corner_slows_it_down_or_is_refused_where_it_must_not(panda):
     order = MotionOrder(timing="constant_speed", speed=0.05, time_step=0.02)
-    error = refused(order, DrawnMotion(radius=0.001))
-    assert error.failure == "ParameterInvalid"
-    assert "at most 13 ms" in str(error)
-    plan_motion(DrawnMotion(radius=0.001), replace(order, time_step=0.0125), arms.load())
+    plan = plan_motion(DrawnMotion(radius=0.001), order, panda)
+    (told,) = plan.findings
+    assert told.limit < 50.0 == told.asked
+    assert told.place == pytest.approx(told.phase * plan.report["length"], rel=1e-3)
+    assert "a time step of 20 ms allows" in told.text
+    assert plan.report["chord_error"] <= order.chord_tolerance * 1.02
+    never = refused(replace(order, corners="refuse"), DrawnMotion(radius=0.001))
+    assert never.failure == "SpeedLimit"
+    assert never.findings[0].limit < 50.0
 
 
 def test_a_motion_that_stands_still_is_refused(panda):

@@ -90,14 +90,17 @@ def test_a_joint_limit_half_way_names_joint_and_place(model):
     reaching = plan_motion(DrawnMotion(), order, model)
     rows = slice(reaching.path_rows[0], reaching.path_rows[1] + 1)
     joint = int(np.ptp(reaching.joints[rows], axis=0).argmax())
-    upper = list(model.limits.upper)
+    # No room for another posture, nor for an elbow elsewhere.
+    lower, upper = reaching.joints.min(axis=0) - 0.02, reaching.joints.max(axis=0) + 0.02
     upper[joint] = float(np.median(reaching.joints[rows, joint]))
-    narrow = replace(model, limits=replace(model.limits, upper=tuple(upper)))
+    narrow = replace(model, limits=replace(model.limits, lower=tuple(lower), upper=tuple(upper)))
     error = refused(narrow, order)
     assert error.failure == "JointLimit"
     assert f"joint {joint + 1} of {model.name}" in str(error)
     assert 0.0 <= error.findings[0].phase < 1.0
     assert error.findings[0].size > 0.0
+    assert error.findings[0].joint == joint + 1
+    assert error.findings[0].limit == pytest.approx(math.degrees(upper[joint]))
 
 
 def test_a_corner_at_an_impossible_speed_is_refused_with_the_speed_it_allows(model):

@@ -2,6 +2,7 @@
 
 MOTION = {
     "on the way to or from the path": "auf dem Weg zur Bahn oder von ihr",
+    "at home": "in der Grundstellung",
     "at {n} s, {n2} % of the path": "bei {n} s, {n2} % der Bahn",
     "{t} (and {n} more)": "{t} (und {n} weitere)",
     "plan {x}": "Plan {x}",
@@ -69,6 +70,9 @@ MOTION = {
         "drehen oder die "
         "Düse weniger neigen"
     ),
+    "joint {n} of {arm} leaves its range {t} by up to {n2} mm: move or turn the part's frame": (
+        "Gelenk {n} von {arm} verlässt seinen Bereich {t} um bis zu {n2} mm: Teil verschieben oder drehen"
+    ),
     "joint {n} of {arm} leaves its range {t} by up to {n2} degrees: move or turn the part's frame": (
         "Gelenk {n} von {arm} verlässt seinen Bereich {t} um bis zu {n2} Grad: Teil verschieben oder drehen"
     ),
@@ -119,8 +123,13 @@ MOTION = {
         "die Geschwindigkeit ist {n} mm/s: die Düse von {arm} darf höchstens {n2} mm/s"
     ),
     "{t}, a corner allows {n} mm/s": "{t} erlaubt eine Ecke {n} mm/s",
-    "slowed from {n} to {n2} mm/s in corners, begun and ended at rest: {t}": (
-        "in Ecken von {n} auf {n2} mm/s verlangsamt, Anfang und Ende in Ruhe: {t}"
+    "{t}, a time step of {n} ms allows {n2} mm/s": "{t} erlaubt ein Zeitschritt von {n} ms {n2} mm/s",
+    "slowed from {n} mm/s in corners: {t}": "in Ecken von {n} mm/s verlangsamt: {t}",
+    "{arm} has no hull: nothing would keep it from touching itself, the table or the part: give its limits file a "
+    "[hull] with capsules, or say in the workstation's configuration that collisions are not checked": (
+        "{arm} hat keine Hülle: nichts hielte ihn davon ab, sich selbst, den Tisch oder das Teil zu berühren: seiner "
+        "Grenzdatei [hull] mit Kapseln geben oder in der Konfiguration der Station sagen, dass Kollisionen nicht "
+        "geprüft werden"
     ),
     "constant {n} mm/s is impossible: {t}: lower the speed, or give a blend radius": (
         "konstante {n} mm/s sind unmöglich: {t}: Geschwindigkeit senken oder Ecken runden"
