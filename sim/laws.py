@@ -33,7 +33,7 @@ TRIALS, ROUNDS, PASSES, LENGTHENED = 12, 12, 3, 4
 # Rows are slowed until none needs more than this share of a limit, and then by this much more than it needs.
 NEARLY, SPARE = 0.985, 0.97
 AT_SPEED = 0.999
-TOLD = 0.99
+TOLD, AROUND = 0.99, 2e-3
 RUN_IN_NODES, RUN_IN_SPARE = 8, 1.1
 
 
@@ -320,12 +320,15 @@ def _corner(followed: Followed, order: "MotionOrder", row: int, allowed: float, 
     asked = order.speed * 1e3
     phase, length = float(followed.phases[i]), float(followed.lengths[i])
     time = length / order.speed
-    cause = f"a time step of {order.time_step * 1e3:.3g} ms" if followed.by_step[i] else "a corner"
+    # The nozzle is slow for a little while before and after what makes it slow.
+    around = np.flatnonzero(np.abs(followed.lengths - length) <= AROUND)
+    narrowest = int(around[followed.careful[around].argmin()])
+    cause = f"a time step of {order.time_step * 1e3:.3g} ms" if followed.by_step[narrowest] else "a corner"
     what = f"at {time:.2f} s, {100 * phase:.1f} % of the path, {cause} allows {allowed:.0f} mm/s"
     text = (
         f"constant {asked:.0f} mm/s is impossible: {what}: lower the speed, or give a blend radius"
         if refused
-        else f"slowed from {asked:.0f} mm/s in corners: {what}"
+        else f"slowed from {asked:.0f} to {allowed:.0f} mm/s in corners: {what}"
     )
     short = asked - allowed
     return Finding(

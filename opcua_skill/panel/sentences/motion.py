@@ -124,7 +124,7 @@ MOTION = {
     ),
     "{t}, a corner allows {n} mm/s": "{t} erlaubt eine Ecke {n} mm/s",
     "{t}, a time step of {n} ms allows {n2} mm/s": "{t} erlaubt ein Zeitschritt von {n} ms {n2} mm/s",
-    "slowed from {n} mm/s in corners: {t}": "in Ecken von {n} mm/s verlangsamt: {t}",
+    "slowed from {n} to {n2} mm/s in corners: {t}": "in Ecken von {n} auf {n2} mm/s verlangsamt: {t}",
     "{arm} has no hull: nothing would keep it from touching itself, the table or the part: give its limits file a "
     "[hull] with capsules, or say in the workstation's configuration that collisions are not checked": (
         "{arm} hat keine Hülle: nichts hielte ihn davon ab, sich selbst, den Tisch oder das Teil zu berühren: seiner "
