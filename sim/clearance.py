@@ -118,6 +118,40 @@ def _capsules(model: ArmModel, joints: Floats) -> list[tuple[Floats, Floats]]:
     return places
 
 
+def tool_blocked(model: ArmModel, points: Floats, rotations: Floats, boxes: tuple[Box, ...]) -> bool:
+    """Return whether the tool itself comes too near a box at nozzle points (n, 3) with rotations (n, 3, 3).
+
+    What is fixed to the nozzle is where the nozzle is, however the rest of the arm holds it.
+    """
+    chain = kinematics(model)
+    frames = chain.frames(chain.seed[None])
+    position, rotation = chain.seed_position, chain.seed_rotation
+    needle, fixed = _needle(model), _after_the_last_joint(model)
+    for k, capsule in enumerate(model.capsules):
+        if capsule.link not in fixed:
+            continue
+        (at,), (turn,) = frames[capsule.link]
+        ends = [rotation.T @ (at + turn @ np.array(end) - position) for end in (capsule.start, capsule.end)]
+        start, end = (points + rotations @ one for one in ends)
+        for box in boxes:
+            if k == needle and box.name in {"table", "part"}:
+                continue
+            if (_to_box_from_segment(start, end, box) - capsule.radius).min() < MARGIN:
+                return True
+    return False
+
+
+@lru_cache(maxsize=16)
+def _after_the_last_joint(model: ArmModel) -> frozenset[str]:
+    """Return the links that move only as the nozzle does."""
+    links: set[str] = set()
+    for joint in reversed(kinematics(model).joints):
+        links.add(joint.child)
+        if joint.axis is not None:
+            break
+    return frozenset(links)
+
+
 Gaps = Iterator[tuple[str, Floats]]
 
 

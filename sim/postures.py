@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from sim.arm import ArmModel, Floats
 from sim.checks import POSTURE_JUMP, SINGULAR, singular_values
-from sim.clearance import Box, check_clearance
+from sim.clearance import Box, check_clearance, tool_blocked
 from sim.kinematics import Kinematics, kinematics
 
 SEEDS, MOST_STARTS, MOST_TRIED = 384, 48, 6
@@ -61,6 +61,8 @@ def other_postures(arm: ArmModel, poses: Poses, boxes: tuple[Box, ...]) -> Itera
     """
     rows = _strides(poses)
     points, rotations = poses.points[rows], poses.rotations[rows]
+    if arm.dof >= 6 and tool_blocked(arm, points, rotations, boxes):
+        return
     ways = _every_way(arm, points, rotations)
     if arm.dof > 6:
         ways += [way[::-1] for way in _every_way(arm, points[::-1], rotations[::-1])]

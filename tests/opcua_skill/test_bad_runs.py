@@ -117,10 +117,10 @@ async def world(make_plant: Callable[..., "Plant"]) -> AsyncIterator[World]:
         yield World(plant, people, recipe)
 
 
-def turned(x: float, y: float, z: float, degrees: float) -> tuple[float, ...]:
-    """Return a frame that is turned about the vertical."""
+def tipped(x: float, y: float, z: float, degrees: float) -> tuple[float, ...]:
+    """Return a frame that is tipped about its y axis."""
     half = np.radians(degrees) / 2.0
-    return (x, y, z, 0.0, 0.0, float(np.sin(half)), float(np.cos(half)))
+    return (x, y, z, 0.0, float(np.sin(half)), 0.0, float(np.cos(half)))
 
 
 NOT_STORED: dict[str, dict[str, Any]] = {
@@ -177,8 +177,8 @@ REACH = frozenset({"NoIkSolution", "WorkspaceLimit"})
 IMPOSSIBLE = {
     "a plate out of reach": Impossible({"frame": (0.83, 0.0, 0.1, 0.0, 0.0, 0.0, 1.0)}, REACH, r"by up to \d+\.\d mm"),
     "a plate behind the arm's base": Impossible({"frame": (2.5, 0.0, 0.1, 0.0, 0.0, 0.0, 1.0)}, REACH, r"\d mm"),
-    "a joint at its limit half-way": Impossible(
-        {"frame": turned(0.3, 0.0, 0.05, 135.0)}, frozenset({"JointLimit"}), r"joint 4 .* by up to \d+\.\d\d degrees"
+    "a tilt that no posture holds": Impossible(
+        {"frame": tipped(0.5, 0.0, 0.3, 75.0)}, frozenset({"NoIkSolution"}), r"by up to \d+\.\d mm", placed=False
     ),
     "a corner at an impossible speed": Impossible(
         {"timing": "constant_speed", "speed": 0.5, "parameters": {"Corners": "refuse"}},

@@ -70,12 +70,11 @@ MOTION = {
         "drehen oder die "
         "Düse weniger neigen"
     ),
-    "joint {n} of {arm} leaves its range {t} by up to {n2} mm: move or turn the part's frame": (
-        "Gelenk {n} von {arm} verlässt seinen Bereich {t} um bis zu {n2} mm: Teil verschieben oder drehen"
+    "joint {n} of {arm} leaves its range {t} by up to {n2} {t2}: move or turn the part's frame": (
+        "Gelenk {n} von {arm} verlässt seinen Bereich {t} um bis zu {n2} {t2}: Teil verschieben oder drehen"
     ),
-    "joint {n} of {arm} leaves its range {t} by up to {n2} degrees: move or turn the part's frame": (
-        "Gelenk {n} von {arm} verlässt seinen Bereich {t} um bis zu {n2} Grad: Teil verschieben oder drehen"
-    ),
+    "degrees": "Grad",
+    "mm": "mm",
     "{arm} is stretched out or folded {t}: its smallest singular value is {n}, at least {n2} is needed: "
     "move the part's "
     "frame": (
