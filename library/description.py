@@ -146,6 +146,8 @@ class SkillDescription(Value):
     position in m; with the ``time`` clock: time in s, position in m. Where the tool's orientation was recorded, four
     more hold a quaternion x y z w. All are in the part's frame, ``frame``.
     ``dispense`` holds the intervals of phase in which the process is on; ``duration`` and ``time_step`` are in s.
+    ``contributors`` are all who taught, edited or imported this version or anything it comes from; none of them may
+    approve it. ``approvals_needed`` is how many others have to.
     """
 
     schema_version: Literal[1] = SCHEMA_VERSION
@@ -166,6 +168,8 @@ class SkillDescription(Value):
     dispense: tuple[Interval, ...] = ()
     parameters: tuple[Parameter, ...] = ()
     provenance: Provenance
+    contributors: tuple[Text, ...] = ()
+    approvals_needed: int = Field(default=1, ge=1)
     decisions: tuple[Decision, ...] = ()
     workstations: tuple[Text, ...] = ()
     report: dict[str, JsonValue] = Field(default_factory=dict)
@@ -200,8 +204,10 @@ class SkillDescription(Value):
 
     @property
     def approval(self) -> Decision | None:
-        """The decision that approved this version, if one did."""
-        return next((made for made in self.decisions if made.state is VersionState.APPROVED), None)
+        """The decision that approved this version, if one did: the last, where more than one was needed."""
+        if self.state not in {VersionState.APPROVED, VersionState.RETIRED}:
+            return None
+        return next((made for made in reversed(self.decisions) if made.state is VersionState.APPROVED), None)
 
     @property
     def summary(self) -> SkillSummary:

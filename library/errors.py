@@ -49,10 +49,10 @@ class DigestDiffers(LibraryError):
 
 
 class OwnVersion(LibraryError):
-    """Four eyes: who taught a version cannot approve it."""
+    """Four eyes: who taught, edited or imported a version, or anything it comes from, cannot approve it."""
 
-    def __init__(self, name: str, version: int, actor: str) -> None:
-        super().__init__(f"{actor} taught {name} version {version} and cannot approve it: ask a second engineer")
+    def __init__(self, name: str, version: int, actor: str, did: str = "taught") -> None:
+        super().__init__(f"{actor} {did} {name} version {version} and cannot approve it: ask a second engineer")
         self.name = name
         self.version = version
         self.actor = actor

@@ -78,9 +78,11 @@ class SkillLibrary:
         parameters: Sequence[Parameter] = (),
         frame: str = "part",
         default_recipe: Recipe | None = None,
+        brought_by: Sequence[str] = (),
     ) -> SkillDescription:
         """Store a learned motion as the next version of a skill and return its description.
 
+        ``brought_by`` are people who recorded what it is learned from, beside who has it learned.
         In the same transaction go the recordings, the aligned demonstrations, for a new skill its default recipe
         (``default_recipe`` under an id of the library's choice), and the learning job's end.
         """
@@ -97,6 +99,7 @@ class SkillLibrary:
             based_on=based_on,
             parameters=parameters,
             frame=frame,
+            brought_by=brought_by,
         )
         return await self._database.write(
             lambda connection: learned_rows.add(connection, prepared, actor, job_id, default_recipe)
@@ -167,7 +170,10 @@ class SkillLibrary:
     async def approve(
         self, name: str, version: int, digest: bytes, actor: str, comment: str = "", *, four_eyes: bool = True
     ) -> VersionState:
-        """Approve the version whose model has this SHA-256. With four eyes its teacher, or importer, may not."""
+        """Approve the version whose model has this SHA-256, and return its state now.
+
+        With four eyes nobody may who contributed to it, and a version of unknown origin needs two who do.
+        """
         return await self._decide(name, version, VersionState.APPROVED, actor, comment, digest, four_eyes)
 
     async def reject(self, name: str, version: int, digest: bytes, actor: str, comment: str = "") -> VersionState:

@@ -109,6 +109,8 @@ versions = Table(
     Column("verdicts", Json, nullable=False),
     Column("created_at", Moment, nullable=False),
     Column("created_by", sql.Text, nullable=False),
+    Column("contributors", Json, nullable=False, server_default="[]"),
+    Column("approvals_needed", Integer, nullable=False, server_default="1"),
     Index("ix_versions_by_state", "state", "skill_name", "version"),
     Index("ix_versions_by_type", "semantic_type", "skill_name", "version"),
     Index("ix_versions_by_type_and_state", "semantic_type", "state", "skill_name", "version"),

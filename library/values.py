@@ -1,6 +1,7 @@
 """What every stored value has in common: frozen, camelCase in JSON, checked, with refusals an operator understands."""
 
 import re
+import unicodedata
 from datetime import UTC, datetime
 from typing import Annotated, Any, Self
 
@@ -32,6 +33,16 @@ def check_name(name: str, field: str, longest: int = MAX_NAME) -> str:
     if problem:
         raise InvalidValue(field, name, problem)
     return name
+
+
+def normal(name: str) -> str:
+    """Return a name in the normal form (NFC) in which names are kept: what looks the same is the same."""
+    return unicodedata.normalize("NFC", name)
+
+
+def same_user(name: str) -> str:
+    """Return what is equal for names of one user, however they are typed: NFC, without regard to case."""
+    return normal(normal(name).casefold())
 
 
 def as_utc(moment: datetime) -> datetime:

@@ -16,7 +16,7 @@ from library.description import (
 from library.errors import DigestDiffers, InvalidValue
 from library.lifecycle import JobState, VersionState
 from library.recipe import Recipe
-from library.rows import jobs, recipes, recordings, versions
+from library.rows import contributors, jobs, recipes, recordings, versions
 from library.rows.encoding import PackedRecording, finite, pack_aligned, pack_recording
 from library.values import check_name, now
 from models.demonstration import Demonstration, Edits
@@ -31,6 +31,7 @@ class PreparedVersion:
     description: SkillDescription
     recordings: tuple[PackedRecording, ...]
     aligned: tuple[dict[str, Any], ...]
+    brought_by: tuple[str, ...] = ()
 
 
 def prepare(
@@ -46,6 +47,7 @@ def prepare(
     based_on: int | None,
     parameters: Sequence[Parameter],
     frame: str,
+    brought_by: Sequence[str] = (),
 ) -> PreparedVersion:
     """Return what is to be stored of a learned motion. No database here: packing megabytes belongs in a thread."""
     check_name(name, "name")
@@ -85,7 +87,9 @@ def prepare(
         verdicts=tuple(DescribedVerdict(**finite(asdict(verdict))) for verdict in learned.verdicts),
     )
     description = description.model_copy(update={"model_digest": description.computed_digest()})
-    return PreparedVersion(description, packed, tuple(pack_aligned(aligned) for aligned in learned.aligned))
+    return PreparedVersion(
+        description, packed, tuple(pack_aligned(aligned) for aligned in learned.aligned), tuple(brought_by)
+    )
 
 
 def add(
@@ -96,7 +100,10 @@ def add(
     based_on = prepared.description.provenance.based_on
     if based_on is not None:
         versions.number(connection, name, based_on)
-    version = _add_numbered(connection, prepared.description, actor, default_recipe)
+    digests = [one.digest for one in prepared.recordings]
+    people = contributors.of_learned(connection, prepared.description, actor, prepared.brought_by, digests)
+    described = prepared.description.model_copy(update={"contributors": people})
+    version = _add_numbered(connection, described, actor, default_recipe)
     recordings.keep(connection, prepared.recordings, name, version)
     versions.insert_aligned(connection, prepared.aligned, name, version)
     if job_id is not None:
@@ -113,7 +120,9 @@ def add_imported(
     provenance = description.provenance.model_copy(
         update={"imported_by": actor, "imported_at": now(), "based_on": None}
     )
-    fresh = {"state": VersionState.LEARNED, "decisions": (), "workstations": (), "provenance": provenance}
+    people, needed = contributors.of_imported(connection, description, actor)
+    fresh: dict[str, Any] = {"state": VersionState.LEARNED, "decisions": (), "workstations": ()}
+    fresh |= {"provenance": provenance, "contributors": people, "approvals_needed": needed}
     version = _add_numbered(connection, description.model_copy(update=fresh), actor, default_recipe)
     return versions.read(connection, description.name, version)
 

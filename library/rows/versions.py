@@ -9,9 +9,10 @@ import sqlalchemy as sql
 from library.description import Decision, SkillDescription
 from library.errors import DigestDiffers, InUse, NotAllowedInState, NotFound, OwnVersion
 from library.lifecycle import VersionState, check_version_move
+from library.rows import contributors
 from library.rows.encoding import stored, to_text
 from library.tables import aligned, decisions, deployments, skills, versions
-from library.values import now
+from library.values import now, same_user
 
 
 def newest(connection: sql.Connection, name: str) -> int:
@@ -40,6 +41,7 @@ def insert(connection: sql.Connection, description: SkillDescription) -> None:
     row |= {key: to_text(getattr(description, key)) for key in ("means", "covariances", "dispense")}
     row |= {key: to_text(content[key]) for key in ("required_atomic_skills", "parameters", "provenance", "report")}
     row["verdicts"] = to_text(content["verdicts"])
+    row |= {"contributors": to_text(content["contributors"]), "approvals_needed": description.approvals_needed}
     summary = description.summary
     row |= {"created_at": summary.created_at, "created_by": summary.created_by}
     connection.execute(versions.insert().values(row))
@@ -73,6 +75,7 @@ def read(connection: sql.Connection, name: str, version: int) -> SkillDescriptio
                 "provenance",
                 "report",
                 "verdicts",
+                "contributors",
             )
         }
         return SkillDescription(
@@ -92,6 +95,7 @@ def read(connection: sql.Connection, name: str, version: int) -> SkillDescriptio
                 for made in taken
             ),
             workstations=tuple(stations),
+            approvals_needed=row.approvals_needed,
             **parts,
         )
 
@@ -112,30 +116,53 @@ def decide(
     digest: bytes | None = None,
     four_eyes: bool = False,
 ) -> VersionState:
-    """Move a version to state ``to`` and note who did. ``digest``, if given, has to be that of the stored model."""
+    """Move a version to state ``to``, note who did, and return the state it is in now.
+
+    ``digest``, if given, has to be that of the stored model. A version that needs two approvals stays what it is after
+    the first.
+    """
     version = number(connection, name, version)
     row = connection.execute(
-        sql.select(versions.c.state, versions.c.model_digest, versions.c.created_by, versions.c.provenance).where(
-            versions.c.skill_name == name, versions.c.version == version
-        )
+        sql.select(versions).where(versions.c.skill_name == name, versions.c.version == version)
     ).one()
     what = f"{name} version {version}"
     check_version_move(what, VersionState(row.state), to)
     if digest is not None and digest != bytes.fromhex(row.model_digest):
         raise DigestDiffers(name, version)
-    if four_eyes and actor in {row.created_by, json.loads(row.provenance)["taught_by"]}:
-        raise OwnVersion(name, version, actor)
+    outcome = to
+    if four_eyes and to is VersionState.APPROVED:
+        _refuse_own(row, name, version, actor)
+        approved = contributors.approved_by(connection, name, version)
+        if same_user(actor) in approved:
+            raise OwnVersion(name, version, actor, "has approved")
+        if len(approved) + 1 < row.approvals_needed:
+            outcome = VersionState(row.state)
     if to is VersionState.RETIRED:
         _refuse_deployed(connection, name, version)
     connection.execute(
-        versions.update().where(versions.c.skill_name == name, versions.c.version == version).values(state=to.value)
+        versions.update()
+        .where(versions.c.skill_name == name, versions.c.version == version)
+        .values(state=outcome.value)
     )
     connection.execute(
         decisions.insert().values(
             skill_name=name, version=version, state=to.value, actor=actor, at=now(), comment=comment
         )
     )
-    return to
+    return outcome
+
+
+def _refuse_own(row: sql.Row[Any], name: str, version: int, actor: str) -> None:
+    """Raise OwnVersion for somebody who contributed to a version, in the words for what they did."""
+    provenance, me = json.loads(row.provenance), same_user(actor)
+    did = {
+        "taught": {provenance["taught_by"]},
+        "imported": {provenance.get("imported_by", "")},
+        "contributed to what became": {row.created_by, *json.loads(row.contributors)},
+    }
+    for words, people in did.items():
+        if me in {same_user(one) for one in people}:
+            raise OwnVersion(name, version, actor, words)
 
 
 def check_approved(connection: sql.Connection, name: str, version: int) -> None:

@@ -20,7 +20,7 @@ from opcua_skill.commands.connection import (
 )
 from opcua_skill.commands.faults import Fault
 from opcua_skill.commands.fields import made_of
-from opcua_skill.commands.output import notes, print_json, say, screen, table, when
+from opcua_skill.commands.output import note, notes, print_json, say, screen, table, when
 from opcua_skill.commands.quality import facts
 from opcua_skill.commands.reading import Marker, OnePlane, Placing, Topic, ToPlate, Unit, UpAxis, choices_of, read_files
 
@@ -193,6 +193,8 @@ def _judge(
 
     found, state = with_client(server, user, work)
     _told(found, state, as_json)
+    if verb == "approve" and state != "Approved":
+        note("its origin is not known here: a second person has to approve it as well")
 
 
 def _told(skill: Skill, state: str, as_json: bool) -> None:

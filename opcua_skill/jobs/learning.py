@@ -38,6 +38,7 @@ class LearningRequest:
     actor: str
     comment: str = ""
     based_on: int | None = None
+    brought_by: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -159,6 +160,7 @@ class LearningJobs:
             based_on=request.based_on,
             parameters=MOTION_PARAMETER_RANGES,
             default_recipe=self._start_recipe(request.skill_name),
+            brought_by=request.brought_by,
         )
         report = await self._library.job(job_id)
         await self._tell(report)

@@ -55,9 +55,17 @@ class LibraryMethods:
         return await self.learn_received(skill_name, semantic_type, received, options)
 
     async def learn_received(
-        self, skill_name: str, semantic_type: str, received: ReceivedDemonstrations, options: Any
+        self,
+        skill_name: str,
+        semantic_type: str,
+        received: ReceivedDemonstrations,
+        options: Any,
+        brought_by: tuple[str, ...] = (),
     ) -> tuple[Any, ...]:
-        """Learn from demonstrations that came in by any door; the answer is that of LearnFromDemonstration."""
+        """Learn from demonstrations that came in by any door; the answer is that of LearnFromDemonstration.
+
+        ``brought_by`` are those who recorded them, where that is not the caller.
+        """
         check_name(skill_name, "skill_name")
         check_text(semantic_type, "semantic_type", 256)
         if not semantic_type:
@@ -72,6 +80,7 @@ class LibraryMethods:
                 edits=Edits(),
                 options=chosen,
                 actor=caller().name,
+                brought_by=brought_by,
             ),
             answer_within=self.settings.learning.answer_within,
         )

@@ -14,14 +14,14 @@ from typing import Any
 import numpy as np
 
 from library.errors import NotAllowedInState, NotFound
-from library.values import check_text
+from library.values import check_text, same_user
 from models.demonstration import Demonstration
 from opcua_skill.methods.library import LibraryMethods
 from opcua_skill.methods.refusals import Code, out_of_range, refusing
 from opcua_skill.methods.values import NEEDED, ReceivedDemonstrations, wire_demonstration
 from opcua_skill.recording import ALL_SAMPLES, ONE_APPEND, Bounds, Press, Recording, SamplesWrong, TooMuch
 from opcua_skill.settings import Limits
-from opcua_skill.stack.access import caller
+from opcua_skill.stack.access import Role, caller
 from opcua_skill.stack.calls import Refused
 
 KEPT = 5
@@ -104,7 +104,7 @@ class RecorderMethods:
                 remedy = f"finish or discard recording {kept.recording.recording_id} first"
                 raise NotAllowedInState(f"the recorder of {self.workstation}", f"recording for {kept.user}", remedy)
         while len(self._kept) >= KEPT:
-            self._forget(next(iter(self._kept)), f"{KEPT} recordings are kept")
+            self._forget(self._oldest(caller().name), f"{KEPT} recordings are kept")
         now = datetime.now(UTC)
         name = f"{now:%Y%m%d-%H%M%S}-{secrets.token_hex(2)}"
         bounds = Bounds(self.limits.max_demonstrations, self.limits.max_points_per_demonstration)
@@ -147,13 +147,15 @@ class RecorderMethods:
             raise out_of_range(wrong.argument, str(wrong)) from wrong
         except TooMuch as wrong:
             raise Refused(Code.BadRequestTooLarge, str(wrong)) from wrong
-        self._make_room()
+        self._make_room(kept.user)
         return (recording.samples, len(recording.all_presses))
 
     @refusing(blame="RecordingId")
     async def finish_recording(self, recording_id: str) -> tuple[Any, ...]:
         """End a recording and return its demonstrations; above 100,000 samples: only their names."""
         kept = self._find(recording_id)
+        if kept.recording.is_open:
+            self._check_owner(kept)
         self._close(kept)
         recording = kept.recording
         total = sum(press.end - press.first for press in recording.presses)
@@ -200,7 +202,9 @@ class RecorderMethods:
     @refusing(blame="DemonstrationId")
     async def discard_recording(self, recording_id: str, demonstration_id: str) -> tuple[Any, ...]:
         """Forget one demonstration, or with no name the whole recording; return how many are left."""
-        recording = self._find(recording_id).recording
+        kept = self._find(recording_id)
+        self._check_owner(kept)
+        recording = kept.recording
         if not demonstration_id:
             self._forget(recording_id, f"{caller().name} discarded it")
             return (0,)
@@ -212,14 +216,30 @@ class RecorderMethods:
         self, recording_id: str, skill_name: str, semantic_type: str, options: Any
     ) -> tuple[Any, ...]:
         """Learn a new version of a skill from a finished recording."""
-        recording = self._find(recording_id).recording
+        kept = self._find(recording_id)
+        self._check_owner(kept)
+        recording = kept.recording
         if recording.is_open:
             raise NotAllowedInState(f"recording {recording_id}", "still open", "finish it first")
         shown = tuple(recording.demonstration(press) for press in recording.presses)
         if len(shown) < NEEDED:
             raise out_of_range("RecordingId", f"{len(shown)} demonstrations were recorded, {NEEDED} are needed")
         received = ReceivedDemonstrations(shown, ("",) * len(shown), tuple(one.demonstration_id for one in shown))
-        return await self.library.learn_received(skill_name, semantic_type, received, options)
+        return await self.library.learn_received(skill_name, semantic_type, received, options, (kept.user,))
+
+    @staticmethod
+    def _check_owner(kept: _Kept) -> None:
+        """Refuse whoever is neither who began a recording nor an engineer or administrator."""
+        who = caller()
+        if same_user(who.name) != same_user(kept.user) and who.role not in Role.ENGINEER.and_above:
+            name = kept.recording.recording_id
+            raise Refused(Code.BadUserAccessDenied, f"recording {name} belongs to {kept.user}: ask them or an engineer")
+
+    def _oldest(self, user: str) -> str:
+        """Return which recording has to go when ``user`` needs room: the oldest closed one, rather one of their own."""
+        closed = [name for name, kept in self._kept.items() if not kept.recording.is_open]
+        own = [name for name in closed if same_user(self._kept[name].user) == same_user(user)]
+        return next(iter([*own, *closed, *self._kept]))
 
     def _find(self, recording_id: str) -> _Kept:
         self.forget_old()
@@ -253,10 +273,10 @@ class RecorderMethods:
             kept.closed_at = self.clock()
             self.button = None
 
-    def _make_room(self) -> None:
-        """Forget the oldest closed recordings while all together hold too many samples."""
+    def _make_room(self, user: str) -> None:
+        """Forget closed recordings, rather those of ``user``, while all together hold too many samples."""
         while sum(one.recording.samples for one in self._kept.values()) > ALL_SAMPLES:
-            self._forget(next(iter(self._kept)), "room was needed for a newer one")
+            self._forget(self._oldest(user), "room was needed for a newer one")
 
     def _forget(self, recording_id: str, because: str) -> None:
         gone = self._kept.pop(recording_id)

@@ -94,6 +94,59 @@ LIBRARY = {
     "{user} taught {name} version {n} and cannot approve it: ask a second engineer": (
         "{user} hat {name} Version {n} gezeigt und kann sie nicht freigeben: einen zweiten Ingenieur bitten"
     ),
+    "{user} {t} {name} version {n} and cannot approve it: ask a second engineer": (
+        "{user} kann {name} Version {n} nicht freigeben ({t}): einen zweiten Ingenieur bitten"
+    ),
+    "has approved": "hat schon freigegeben",
+    "contributed to what became": "hat an dem mitgewirkt, woraus sie entstand",
+    # what keeps a server from starting
+    "it is empty (0 bytes)": "sie ist leer (0 Byte)",
+    "restore it from a backup": "aus einer Sicherung zurückholen",
+    "restore it from a backup, or delete it to begin with an empty library": (
+        "aus einer Sicherung zurückholen oder löschen, um mit einer leeren Bibliothek zu beginnen"
+    ),
+    "restore it from a backup, or move {x} away to begin with an empty library": (
+        "aus einer Sicherung zurückholen oder {x} beiseite legen, um mit einer leeren Bibliothek zu beginnen"
+    ),
+    "there is no such file": "die Datei gibt es nicht",
+    "check the name of the data folder (--data)": "den Namen des Datenordners prüfen (--data)",
+    "it is missing though {x} is there": "sie fehlt, obwohl {x} da ist",
+    "its table {x} is missing": "ihre Tabelle {x} fehlt",
+    "its table {x} lacks {y}": "ihrer Tabelle {x} fehlt {y}",
+    "the private key {x} has mode {y}, others may read it: chmod 600 {z}, and if somebody has read it, move key and"
+    " certificate away to have new ones made": (
+        "der private Schlüssel {x} hat die Rechte {y}, andere können ihn lesen: chmod 600 {z}, und falls ihn jemand"
+        " gelesen hat, Schlüssel und Zertifikat beiseite legen, damit neue entstehen"
+    ),
+    "{n} sessions have an id that begins with {x}": "{n} Sitzungen haben eine Kennung, die mit {x} beginnt",
+    "{y} sessions have an id that begins with {x}": "{y} Sitzungen haben eine Kennung, die mit {x} beginnt",
+    "there is no session {x}: look up the ones there are": "die Sitzung {x} gibt es nicht: nachsehen, welche es gibt",
+    "{x} is served already by {y}: stop that server, or name another folder with --data": (
+        "{x} wird schon bedient von {y}: jenen Server anhalten oder mit --data einen anderen Ordner nennen"
+    ),
+    "the library {x} is missing, though it was served last on {y}: restore it from a backup, or delete {z} to begin"
+    " with an empty library": (
+        "die Bibliothek {x} fehlt, obwohl sie zuletzt am {y} bedient wurde: aus einer Sicherung zurückholen oder {z}"
+        " löschen, um mit einer leeren Bibliothek zu beginnen"
+    ),
+    "the user {x} has the role {y}, which is none of {z}: opcua-skill users role {x2} ROLE, or restore the library"
+    " from a backup": (
+        "der Benutzer {x} hat die Rolle {y}, die keine von {z} ist: opcua-skill users role {x2} ROLE, oder die"
+        " Bibliothek aus einer Sicherung zurückholen"
+    ),
+    "{user} imported {name} version {n} and cannot approve it: ask a second engineer": (
+        "{user} hat {name} Version {n} eingespielt und kann sie nicht freigeben: einen zweiten Ingenieur bitten"
+    ),
+    "{user} contributed to what became {name} version {n} and cannot approve it: ask a second engineer": (
+        "{user} hat an dem mitgewirkt, woraus {name} Version {n} entstand, und kann sie nicht freigeben: einen zweiten"
+        " Ingenieur bitten"
+    ),
+    "{user} has approved {name} version {n} and cannot approve it: ask a second engineer": (
+        "{user} hat {name} Version {n} schon freigegeben: einen zweiten Ingenieur bitten"
+    ),
+    "recording {name} belongs to {user}: ask them or an engineer": (
+        "die Aufzeichnung {name} gehört {user}: dort oder einen Ingenieur fragen"
+    ),
     "the {t} {name} exists already: {t2}": "{t} {name} gibt es schon: {t2}",
     "choose another name": "anderen Namen wählen",
     "a job has one": "ein Auftrag hat eine",

@@ -6,10 +6,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
+from library.store import SkillLibrary
 from opcua_skill.client import Recorder, Refused, SkillClient
+from opcua_skill.security import hash_password
+from tests.opcua_skill.recorder.conftest import PASSWORD
 
 if TYPE_CHECKING:
-    pass
+    from tests.conftest import Plant
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
 
@@ -107,3 +110,22 @@ async def test_another_session_cannot_mix_its_samples_in(people: dict[str, Skill
     with pytest.raises(Refused, match="closed") as closed:
         await recorder.append(recording_id, [0.0], [[0.0, 0.0]])
     assert closed.value.status == "BadInvalidState"
+
+
+async def test_a_recording_belongs_to_who_began_it_and_to_engineers(
+    people: dict[str, SkillClient], recorder: Recorder, plant: "Plant"
+) -> None:
+    async with await SkillLibrary.open(plant.database) as library:
+        await library.add_user("other-teacher", "teacher", hash_password(PASSWORD))
+    recording = await recorder.start(3, "", "test")
+    async with plant.sign_in("other-teacher") as other:
+        theirs = other.workstation("ws1").recorder
+        for attempt in (lambda: theirs.finish(recording), lambda: theirs.discard(recording)):
+            with pytest.raises(Refused, match="belongs to teacher: ask them or an engineer") as refusal:
+                await attempt()
+            assert refusal.value.status == "BadUserAccessDenied"
+        await recorder.finish(recording)
+        await theirs.finish(recording)
+        with pytest.raises(Refused, match="belongs to teacher"):
+            await theirs.learn(recording, "stolen", "Gluing")
+    await people["engineer"].workstation("ws1").recorder.discard(recording)
