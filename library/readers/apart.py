@@ -83,7 +83,11 @@ class Reader:
         status = process.wait()
         self._end()
         if status == OUT_OF_MEMORY:
-            raise ReaderError(path, f"it takes more than {MOST_MEMORY // 10**6} MB of memory to read", SMALLER)
+            raise ReaderError(
+                path,
+                f"it takes more than {MOST_MEMORY // 10**6} MB of memory to read",
+                "export it again, or " + SMALLER,
+            )
         if late.is_set() or status == -int(getattr(signal, "SIGXCPU", 0)):
             raise ReaderError(path, f"it cannot be read within {MOST_SECONDS} s", SMALLER)
         raise ReaderError(path, "its reader crashed", "the file is damaged: export it again")

@@ -46,15 +46,19 @@ class Plane:
 
 
 def believable(demonstrations: Sequence[Demonstration]) -> list[Floats]:
-    """Return of each demonstration the points (n, d) that were seen and are no reflections."""
+    """Return of each demonstration the points (n, d) that learning would use: seen, and no reflections."""
     # Slow to import, and whoever only reads does not need it.
-    from models.despiking import reflections
+    from models.cleaning import clean
+    from models.errors import UnusableDemonstration
 
     found: list[Floats] = []
     for one in demonstrations:
-        seen = np.isfinite(one.points).all(axis=1)
-        times, points = one.times[seen], one.points[seen]
-        found.append(points[~reflections(times, points)] if len(points) > 2 else points)
+        try:
+            used = clean(one, frozenset(), 0.0, despiking=True).used
+        except UnusableDemonstration:
+            # Learning will say so; until then it counts as it is.
+            used = np.isfinite(one.points).all(axis=1)
+        found.append(one.points[used])
     return found
 
 

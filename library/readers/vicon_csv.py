@@ -41,7 +41,7 @@ def read(sheet: Sheet, choices: Choices) -> list[Demonstration]:
         raise sheet.error("there is no line that begins with Frame, Sub Frame", AGAIN, start + 3)
     named = [column for column, name in enumerate(names) if name]
     firsts: list[int] = []
-    for column, end in zip(named, [*named[1:], len(axes)], strict=True):
+    for column, end in zip(named, [*named[1:], len(axes)], strict=False):
         found = [place for place in range(column, min(end, column + 5)) if axes[place : place + 3] == three]
         if not found or (block == "Trajectories" and found[0] != column):
             raise sheet.error(f"below {names[column]!r} are no columns {', '.join(three)}", AGAIN, start + 3)

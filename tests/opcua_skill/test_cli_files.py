@@ -73,6 +73,58 @@ def test_a_straight_seam_is_not_laid_flat_by_chance(learn: Learn, tmp_path: Path
     assert "show a wider stroke, or learn them in space" in told
 
 
+def drawn(person: int) -> np.ndarray:
+    """Return 300 points of an arc in mm, as one of several people draws it."""
+    along = np.linspace(0.0, 3.0, 300)
+    hand = np.random.default_rng(person).normal(0.0, 0.1, (300, 2))
+    return np.column_stack([100 + 40 * along, 200 + 30 * np.sin(along)]) + hand
+
+
+def test_a_makers_file_with_lost_markers_is_learned(learn: Learn, plant: "Plant", tmp_path: Path) -> None:
+    head = ["NO_OF_FRAMES\t300", "FREQUENCY\t100", "DATA_INCLUDED\t3D", "MARKER_NAMES\tTool", "Frame\tTime\tX\tY\tZ"]
+    for person in range(5):
+        points = np.column_stack([drawn(person), np.full(300, 50.0)])
+        points[100 + person : 105 + person] = 0.0
+        rows = [f"{k + 1}\t{k / 100:.3f}\t{x:.3f}\t{y:.3f}\t{z:.3f}" for k, (x, y, z) in enumerate(points)]
+        (tmp_path / f"take{person}.tsv").write_text("\n".join([*head, *rows]) + "\n")
+    learned = learn("qualisys", *sorted(tmp_path.glob("*.tsv")), "--plane")
+    assert set(learned["results"].values()) == {"Good"}
+    assert np.ptp(path_of(plant, "qualisys"), axis=0) == pytest.approx([120, 30], abs=2.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        (
+            "mixed.csv",
+            "t_ms;x_mm;y_mm\n1.010;1,5;2\n1.020;1,6;2\n",
+            "line 2: column 2 holds '1,5'",
+        ),
+        ("quote.csv", 't_s,x_mm,y_mm\n0,"1,2\n1,2,3\n', "line 2: a quote is opened and not closed"),
+        ("inch.csv", "t_s,x_in,y_in\n0,1,2\n1,2,3\n", "an inch has 25.4 mm"),
+        ("turned.csv", "t,x,y,qx,qy,qz,qw\n0,0,0,0,0,0,0.7071\n1,0,0,0,0,0,1\n", "has length 0.707, not length 1"),
+        (
+            "six.tsv",
+            "NO_OF_FRAMES\t3\nDATA_INCLUDED\t6D\nBODY_NAMES\tTool\n",
+            "from Qualisys Track Manager as TSV",
+        ),
+        (
+            "gait.qtm",
+            "x",
+            "files that end in .qtm; export it from there as TSV or C3D",
+        ),
+        ("long.c3d", "\x02\x50" + "\x01" * 2000, "it is not in Intel format"),
+    ],
+)
+def test_what_cannot_be_read_is_one_sentence_with_the_way_out(
+    learn: Learn, tmp_path: Path, name: str, content: str, words: str
+) -> None:
+    (tmp_path / name).write_text(content, encoding="latin-1")
+    told = learn("never", tmp_path / name, status=1)
+    assert words in told
+    assert told.startswith("error: ") and "Traceback" not in told
+
+
 USERS = ["name,role,password", "anna,teacher,correct horse battery", "ben,operator,another staple 12"]
 
 

@@ -16,6 +16,7 @@ FILES = {
     "its reader crashed": "der Leser stürzte ab",
     "the file is damaged: export it again": "die Datei ist beschädigt: neu exportieren",
     "it takes more than {n} MB of memory to read": "sie zu lesen braucht mehr als {n} MB Speicher",
+    "export it again, or cut out what is needed": "neu exportieren, oder ausschneiden, was nötig ist",
     "cut out what is needed": "ausschneiden, was nötig ist",
     "it unpacks to more than {n} MB": "sie entpackt sich auf mehr als {n} MB",
     "it is no file but a folder, a pipe or a device": (
