@@ -1,6 +1,20 @@
 """What the library refuses, each with what to do about it. No protocol codes here: the server translates."""
 
+from enum import Enum, auto
 from pathlib import Path
+
+LONGEST_SHOWN = 200
+
+
+class Trouble(Enum):
+    """What keeps a database from being used."""
+
+    LOCKED = auto()
+    FULL = auto()
+    DAMAGED = auto()
+    FORBIDDEN = auto()
+    DISK = auto()
+    OTHER = auto()
 
 
 class LibraryError(Exception):
@@ -11,7 +25,8 @@ class NotFound(LibraryError):
     """There is no such thing. ``kind`` is one of skill, version, recipe, job, trace, user, recordings."""
 
     def __init__(self, kind: str, name: str) -> None:
-        super().__init__(f"there is no {kind} {name!r}: look up the ones there are and check the spelling")
+        shown = repr(name if len(name) <= LONGEST_SHOWN else f"{name[:LONGEST_SHOWN]}…")
+        super().__init__(f"there is no {kind} {shown}: look up the ones there are and check the spelling")
         self.kind = kind
         self.name = name
 
@@ -78,9 +93,10 @@ class InUse(LibraryError):
 class LibraryUnusable(LibraryError):
     """The database cannot be opened, read or written."""
 
-    def __init__(self, where: str, reason: str, remedy: str) -> None:
+    def __init__(self, where: str, reason: str, remedy: str, trouble: Trouble = Trouble.OTHER) -> None:
         super().__init__(f"the library {where} cannot be used, {reason}: {remedy}")
         self.where = where
+        self.trouble = trouble
 
 
 class Damaged(LibraryError):

@@ -39,7 +39,8 @@ class SkillLibrary:
     """Skills with their versions, recordings, approvals and deployments; recipes; jobs; the audit trail; users.
 
     A method that changes something returns after the change has reached the disk, or raises a LibraryError and has
-    changed nothing. A call that is cancelled may still take effect. Version 0 stands for the newest one.
+    changed nothing, now or later; one that is cancelled has changed nothing unless its commit was under way. Version 0
+    stands for the newest one.
     """
 
     def __init__(self, database: Database) -> None:
@@ -59,6 +60,10 @@ class SkillLibrary:
 
     async def __aexit__(self, *_: object) -> None:
         await self.close()
+
+    async def check_writable(self) -> None:
+        """Raise LibraryUnusable if nothing could be stored now."""
+        await self._database.check_writable()
 
     # Skills
 

@@ -6,6 +6,7 @@ import logging
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from typing import Any
 
 import numpy as np
 
@@ -114,7 +115,7 @@ class Endings:
 _tasks: set[asyncio.Task[None]] = set()
 
 
-def in_background(work: Awaitable[None]) -> asyncio.Task[None]:
+def in_background(work: Awaitable[Any]) -> asyncio.Task[None]:
     """Let something run beside its caller; what goes wrong in it is logged."""
 
     async def guarded() -> None:

@@ -16,9 +16,10 @@ from library.private_files import make_private
 from library.store import SkillLibrary
 from opcua_skill.arm_lock import ArmLock, LockedByAnother
 from opcua_skill.arm_queue import QueueStatus
+from opcua_skill.auditing import AuditWriter
 from opcua_skill.data_lock import DataLock, database_file
 from opcua_skill.first_look import check_library_is_there, check_users, tell_loose
-from opcua_skill.health import Health
+from opcua_skill.health import Fault, FaultKind, Health
 from opcua_skill.jobs import ArmFactory, JobEngine, Station, ready_to_move
 from opcua_skill.jobs.station import model_of
 from opcua_skill.methods.audit import AuditMethods
@@ -39,7 +40,7 @@ from opcua_skill.nodes.queue import add_queue
 from opcua_skill.nodes.recorder import RecorderNodes, add_recorder
 from opcua_skill.nodes.sessions import add_sessions
 from opcua_skill.nodes.skills import SkillNodes
-from opcua_skill.nodes.tree import Tree, number, numbers, text
+from opcua_skill.nodes.tree import Tree, number, numbers, text, texts
 from opcua_skill.nodes.types import add_types
 from opcua_skill.nodes.workstation import add_workstation
 from opcua_skill.security import Authenticator, SecuritySettings
@@ -56,6 +57,7 @@ from sim.arm import ArmError, ArmModel, ArmState
 from sim.gate import LOWEST_OVERRIDE
 
 SHOW_STATE_EVERY = 0.1
+MENTION_REFUSALS_EVERY = 1.0
 PAGE = 500
 HEALTHY, DEGRADED = 255, 199
 
@@ -82,15 +84,17 @@ class SkillServerApp:
         self._arm_factory = arm_factory
         self._models: Mapping[str, ArmModel] = {one.name: model_of(one) for one in settings.workstations}
         self._faces: dict[str, _Face] = {}
-        self._faults: list[str] = []
+        self._faults: tuple[Fault, ...] = ()
         self._showing: asyncio.Task[None] | None = None
         self._lock = DataLock(settings)
+        self._mentioning: asyncio.Task[None] | None = None
         self.library: SkillLibrary
         self.jobs: JobEngine
         self.server: SkillServer
         self._authenticator: Authenticator
         self._health: Health
         self._standing: Standing
+        self._audit: AuditWriter
         self._tree: Tree
         self._methods: LibraryMethods
         self._tidings: Tidings
@@ -134,6 +138,10 @@ class SkillServerApp:
             check_users(await self.library.users())
             self._authenticator = Authenticator(self.library)
             undo.callback(self._authenticator.close)
+            self._health = Health(self.library, writable=self.library.check_writable, folder=settings.data)
+            self._audit = AuditWriter(self.library, self._health.recorded)
+            self._audit.start()
+            undo.push_async_callback(self._audit.stop)
             await self._build()
             undo.push_async_callback(self.jobs.stop)
             await self.jobs.start()
@@ -146,11 +154,11 @@ class SkillServerApp:
         self._health.start()
         self._standing.start()
         self._showing = asyncio.create_task(self._show_state(), name="show state of arms")
+        self._mentioning = asyncio.create_task(self._mention_refusals(), name="mention refusals")
 
     async def _build(self) -> None:
         """Make the server and its address space, all but the workstations."""
         settings = self.settings
-        self._health = Health(self.library)
         security = SecuritySettings(
             folder=settings.data / "certificates",
             endpoint=settings.endpoint,
@@ -193,14 +201,16 @@ class SkillServerApp:
 
     async def stop(self) -> None:
         """Stop every motion, then close the endpoint, the workers and the library."""
-        if self._showing is not None:
-            self._showing.cancel()
-            await asyncio.gather(self._showing, return_exceptions=True)
+        for task in (self._showing, self._mentioning):
+            if task is not None:
+                task.cancel()
+                await asyncio.gather(task, return_exceptions=True)
         await self._health.stop()
         await self._standing.stop()
         await self.jobs.stop()
         await self.server.stop()
         self._authenticator.close()
+        await self._audit.stop()
         await self.library.close()
         self._lock.release()
 
@@ -250,17 +260,9 @@ class SkillServerApp:
                     _log.exception("%s is not shown on %s", one.name, workstation)
             more = bool(after)
 
-    async def _audit(self, entry: AuditEntry) -> None:
-        try:
-            await self.library.audit(entry)
-        except Exception:
-            self._health.recorded(False)
-            raise
-        self._health.recorded(True)
-
     async def _record(self, record: CallRecord) -> None:
         """Write a call into the audit trail; the stack raises the audit event afterwards."""
-        await self._audit(
+        await self._audit.add(
             AuditEntry(
                 actor=record.caller.name,
                 role=record.caller.role.value,
@@ -274,7 +276,7 @@ class SkillServerApp:
 
     async def _record_sign_in(self, record: SignInRecord) -> None:
         """Write a sign-in, let in or not, into the audit trail."""
-        await self._audit(
+        await self._audit.add(
             AuditEntry(
                 actor=record.user,
                 role=record.role,
@@ -288,16 +290,13 @@ class SkillServerApp:
     async def _record_standing(self, session: Session, action: str, why: str) -> None:
         """Write into the audit trail that a session was ended, or goes on with another role, and why."""
         about = told_of(session)
-        try:
-            await self._audit(
-                AuditEntry("server", "", action, session.session_id.to_string(), about, status="Good", reason=why)
-            )
-        except Exception:
-            _log.exception("%s of %s was not recorded", action, about["User"])
+        await self._audit.add(
+            AuditEntry("server", "", action, session.session_id.to_string(), about, status="Good", reason=why)
+        )
 
     async def _record_write(self, record: WriteRecord) -> None:
         """Write what a variable was told to do, and whether it was, into the audit trail."""
-        await self._audit(
+        await self._audit.add(
             AuditEntry(
                 actor=record.caller.name,
                 role=record.caller.role.value,
@@ -350,12 +349,31 @@ class SkillServerApp:
     async def _show_service_level(self) -> None:
         """Tell clients when an arm waits for a reset, or the library is in trouble: the server serves, but not well."""
         waiting = [name for name, face in self._faces.items() if not ready_to_move(face.station.arm.state())]
-        faults = [*self._health.faults, *(f"{name} waits for a reset" for name in waiting)]
+        faults = (
+            *self._health.told,
+            *(Fault(FaultKind.ARM_WAITING, f"{name} waits for a reset") for name in waiting),
+        )
         if faults == self._faults:
             return
         self._faults = faults
+        words = [fault.words for fault in faults]
+        await self._tree.write("SkillLibrary/Faults", texts(words))
+        await self._tree.write("SkillLibrary/FaultKinds", texts([fault.kind.value for fault in faults]))
         level = DEGRADED if faults else HEALTHY
-        await self.server.set_service_level(level, because="; ".join(faults) or "every arm is ready")
+        await self.server.set_service_level(level, because="; ".join(words) or "every arm is ready")
+
+    async def _mention_refusals(self) -> None:
+        """Write down, now and then, how many refusals were only counted, so that nobody can fill the disk with them."""
+        while True:
+            await asyncio.sleep(MENTION_REFUSALS_EVERY)
+            for who, count in self.server.iserver.method_service.refusals.take_beyond().items():
+                name = who if isinstance(who, str) else ", ".join(str(part) for part in who)  # type: ignore[attr-defined]
+                words = f"{count} more refusals of {name[:200]} were counted and not recorded one by one"
+                _log.warning("%s", words)
+                self._health.lost(FaultKind.RECORDS_DROPPED, words)
+                await self._audit.add(
+                    AuditEntry(actor=name, action="Refused", arguments={"count": count}, reason=words)
+                )
 
     async def _show_arm(self, name: str, face: _Face) -> None:
         state, before, path = face.station.arm.state(), face.shown, f"Machines/{name}/Arm"

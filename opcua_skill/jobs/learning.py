@@ -6,6 +6,7 @@ from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
+from library.database import BUSY_SECONDS, waiting_at_most
 from library.description import Failure, JobReport, JobState, Recipe, SkillDescription
 from library.errors import NotFound
 from library.store import SkillLibrary
@@ -96,7 +97,8 @@ class LearningJobs:
         job_id = new_job_id("learn")
         report = JobReport(job_id=job_id, kind="Learning", skill_name=request.skill_name, actor=request.actor)
         await self._library.add_job(report)
-        task = asyncio.create_task(self._learn(job_id, request), name=f"job {job_id}")
+        with waiting_at_most(BUSY_SECONDS):  # the job has more patience than who asked for it
+            task = asyncio.create_task(self._learn(job_id, request), name=f"job {job_id}")
         self._tasks[job_id] = task
         task.add_done_callback(lambda _: (self._tasks.pop(job_id, None), self._progress.pop(job_id, None)))
         task.add_done_callback(_log_unexpected)

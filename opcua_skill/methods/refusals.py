@@ -6,14 +6,17 @@ from typing import Any
 
 from asyncua.ua.status_codes import StatusCodes
 
+from library.database import waiting_at_most
 from library.errors import (
     AlreadyExists,
     DigestDiffers,
     InUse,
     InvalidValue,
+    LibraryUnusable,
     NotAllowedInState,
     NotFound,
     OwnVersion,
+    Trouble,
 )
 from models.errors import SkillError
 from opcua_skill.arm_lock import LockedByAnother
@@ -38,6 +41,17 @@ CODES: dict[type[Exception], int] = {
     MotionNotPossible: Code.BadOutOfRange,
     CommandRefused: Code.BadInvalidState,
 }
+UNUSABLE: dict[Trouble, tuple[int, str]] = {
+    Trouble.LOCKED: (
+        Code.BadTimeout,
+        "another program holds the library's database locked: nothing was stored, try again when it has let go",
+    ),
+    Trouble.FULL: (
+        Code.BadResourceUnavailable,
+        "the library's disk is full: nothing was stored, free space on it and try again",
+    ),
+}
+LIBRARY_SECONDS = 3.0
 NAMED = {
     "skill": "SkillName",
     "version": "Version",
@@ -80,7 +94,13 @@ def refusing(
         @wraps(method)
         async def translated(*arguments: Any) -> Any:
             try:
-                return await method(*arguments)
+                with waiting_at_most(LIBRARY_SECONDS):
+                    return await method(*arguments)
+            except LibraryUnusable as error:
+                if error.trouble not in UNUSABLE:
+                    raise
+                code, reason = UNUSABLE[error.trouble]
+                raise Refused(code, reason) from error
             except tuple(CODES) as error:
                 raise Refused(CODES[type(error)], str(error), arguments=_at_fault(error, within)) from error
             except InvalidValue as error:

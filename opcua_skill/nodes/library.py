@@ -192,4 +192,6 @@ async def add_library(
         ("MaxMessageSize", largest_message),
     ):
         tree.property(f"{PATH}/Limits/{name}", bounds, count(value))
+    tree.property(f"{PATH}/Faults", library, texts(()), description="what ServiceLevel is lowered for, in words")
+    tree.property(f"{PATH}/FaultKinds", library, texts(()), description="the same, in one word each")
     tree.property(f"{PATH}/Insecure", library, texts(insecure), description="what the configuration weakens, in words")

@@ -18,10 +18,13 @@ from asyncua.ua.status_codes import StatusCodes as Codes
 
 from opcua_skill.stack.access import Caller, Role, audit_entry_id, caller
 from opcua_skill.stack.arguments import ArgumentCheck, compile_check, output_variant
+from opcua_skill.stack.budgets import Budget
 from opcua_skill.stack.operations import attempted, refused
 from opcua_skill.stack.values import node_id, status, status_name
 
 log = logging.getLogger(__name__)
+LONGEST_REASON = 1_000
+REFUSALS_AT_ONCE, REFUSALS_A_SECOND = 100, 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,6 +119,8 @@ class CheckedMethods(MethodService):
         super().__init__(aspace)
         self._pool.shutdown()
         self.on_call: OnCall | None = None
+        self.on_unrecorded: OnCall | None = None
+        self.refusals = Budget(REFUSALS_AT_ONCE, REFUSALS_A_SECOND)
         self._methods: dict[ua.NodeId, _Method] = {}
         self._unfinished: set[asyncio.Task[Any]] = set()
 
@@ -249,11 +254,7 @@ class CheckedMethods(MethodService):
         finally:
             _object.reset(token)
         if spec.changes:
-            recording = asyncio.create_task(self._record(object_id, method_id, spec, given, Codes.Good, ""))
-            self._unfinished.add(recording)
-            recording.add_done_callback(self._unfinished.discard)
-            if not spec.urgent:
-                await recording
+            await self._record(object_id, method_id, spec, given, Codes.Good, "")
         return result
 
     async def _refuse(
@@ -282,28 +283,44 @@ class CheckedMethods(MethodService):
         status: int,
         reason: str,
     ) -> None:
-        """Tell the hook and the log. A hook that fails cannot undo the call, so it is logged and the answer stands."""
+        """Tell the hook and the log. A hook that fails cannot undo the call, so it is logged and the answer stands.
+
+        Of one user's refusals so many are recorded a second; the others are counted, and told to who listens.
+        """
         named = spec.inputs if spec is not None and len(spec.inputs) == len(given) else ()
         arguments = (
             tuple((a.name, "***" if a.secret else v.Value) for a, v in zip(named, given, strict=True))
             if named
             else tuple((str(place), "?") for place in range(len(given)))
         )
-        name = spec.name if spec is not None else method_id.to_string()
+        name = spec.name if spec is not None else method_id.to_string()[:LONGEST_REASON]
+        reason = reason if len(reason) <= LONGEST_REASON else f"{reason[:LONGEST_REASON]}…"
         record = CallRecord(caller(), object_id, method_id, name, arguments, status, reason, audit_entry_id.get())
-        who = record.caller
-        if reason:
+        who, hook = record.caller, self.on_call
+        fault = status == Codes.BadInternalError
+        if reason and not fault and not self.refusals.admits(who.name or who.peer):
+            hook = self.on_unrecorded
+        elif reason:
             log.warning(
                 "%s refused to %s (%s, %s): %s: %s", name, who.name, who.role, who.peer, record.status_name, reason
             )
         else:
             log.info("%s called by %s (%s, %s)", name, who.name, who.role, who.peer)
-        if self.on_call is None:
+        if hook is None:
             return
+        if spec is not None and spec.urgent:
+            task = asyncio.create_task(self._told(hook, record))
+            self._unfinished.add(task)
+            task.add_done_callback(self._unfinished.discard)
+        else:
+            await self._told(hook, record)
+
+    @staticmethod
+    async def _told(hook: OnCall, record: CallRecord) -> None:
         try:
-            await self.on_call(record)
+            await hook(record)
         except Exception:
-            log.exception("fault %s: a call of %s was not recorded", secrets.token_hex(4), name)
+            log.exception("fault %s: a call of %s was not recorded", secrets.token_hex(4), record.method_name)
 
 
 async def add_method(

@@ -4,7 +4,7 @@ import asyncio
 import dataclasses
 import logging
 import secrets
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Coroutine
 from datetime import UTC, datetime
 from typing import Any
 
@@ -42,6 +42,7 @@ from opcua_skill.stack.writing import READABLE, WRITABLE
 
 CLOSING_SECONDS = 0.1
 log = logging.getLogger(__name__)
+RECORDED_WITHIN = 2.0
 
 
 class _NobodyByDefault(UserManager):
@@ -70,6 +71,7 @@ class SkillInternalServer(InternalServer):
         self.server_uri = security.application_uri
         self.on_session_closed: list[Callable[[str], Awaitable[None]]] = []
         self.diagnostics = Diagnostics(self)
+        self._beside: set[asyncio.Task[None]] = set()
         self.readers: dict[ua.NodeId, frozenset[Role]] = {}
         self._write_roles: dict[ua.NodeId, frozenset[Role]] = {}
         self.on_write: dict[ua.NodeId, Callable[[Any], Awaitable[None]]] = {}
@@ -92,6 +94,8 @@ class SkillInternalServer(InternalServer):
 
     async def stop(self) -> None:
         """Stop at once: asyncua would wait for the next tick of its clock, up to a second."""
+        if self._beside:
+            await asyncio.wait(set(self._beside), timeout=RECORDED_WITHIN)
         if self.time_task is not None:
             self.time_task.cancel()
             (ended,) = await asyncio.gather(self.time_task, return_exceptions=True)
@@ -211,6 +215,12 @@ class SkillInternalServer(InternalServer):
         for oldest in waiting[self.limits.detached_sessions_per_user :]:
             await oldest.close_session(True)
 
+    def beside(self, work: Coroutine[Any, Any, None]) -> None:
+        """Let something be recorded without anybody waiting for it; when the server stops it is waited for."""
+        task = asyncio.create_task(work)
+        self._beside.add(task)
+        task.add_done_callback(self._beside.discard)
+
     async def told_sign_in(self, session: Session, params: ua.ActivateSessionParameters, code: int) -> None:
         """Record how a sign-in ended, then tell it as an audit event."""
         name, kind = claimed(params.UserIdentityToken)
@@ -218,7 +228,8 @@ class SkillInternalServer(InternalServer):
         user, role = (session.identity.name, session.identity.role.value) if good else (name, "")
         peer = str(session.channel.peer) if session.channel is not None else "?"
         record = SignInRecord(user, role, kind, peer, session.session_id.to_string(), code)
-        if self.on_sign_in is not None:
+        payer = ("sign-in", user if good else peer)
+        if self.on_sign_in is not None and self.method_service.refusals.admits(payer):
             try:
                 await self.on_sign_in(record)
             except Exception:

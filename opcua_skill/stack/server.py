@@ -97,6 +97,7 @@ class SkillServer(Server):
         install(self.stack_limits)
         super().__init__(iserver=SkillInternalServer(authenticate, security, self.stack_limits))
         self.iserver.method_service.on_call = self._called
+        self.iserver.method_service.on_unrecorded = self._told
         self.iserver.on_sign_in = on_sign_in
         self.iserver.on_written = on_written
         self._registrations: list[Registration] = []
@@ -220,6 +221,9 @@ class SkillServer(Server):
     async def _called(self, record: CallRecord) -> None:
         if self._on_call is not None:
             await self._on_call(record)
+        await self._told(record)
+
+    async def _told(self, record: CallRecord) -> None:
         await self.raise_event(record.object_id, call_event(record, self.security.application_uri))
 
     def _tell_real_port(self) -> None:

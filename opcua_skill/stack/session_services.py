@@ -108,7 +108,7 @@ class SessionServices(UaProcessor):
                 raise ServiceError(Codes.BadSessionIdInvalid)
         except (ServiceError, InvalidSignature) as error:
             code = error.code if isinstance(error, ServiceError) else Codes.BadApplicationSignatureInvalid
-            await self.iserver.told_sign_in(session, params, code)
+            self.iserver.beside(self.iserver.told_sign_in(session, params, code))
             await self._failed_sign_in()
             raise
         result = session.activate(identity, params)
@@ -118,7 +118,7 @@ class SessionServices(UaProcessor):
         response = ua.ActivateSessionResponse()
         response.Parameters = result
         self.send_response(header.RequestHandle, seqhdr, response)
-        await self.iserver.told_sign_in(session, params, Codes.Good)
+        self.iserver.beside(self.iserver.told_sign_in(session, params, Codes.Good))
 
     def _session_to_activate(self, token: ua.NodeId, channel: Channel) -> Session:
         """Return the session a token names, if this channel may speak for it."""
