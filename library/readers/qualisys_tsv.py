@@ -11,12 +11,13 @@ from library.readers.tracks import Track, follow, pick, table
 from models.demonstration import Demonstration
 
 AGAIN = "export it again from Qualisys Track Manager as TSV with 3D data"
+BEGIN = 5
 MOST_KEYS = 40
 
 
 def is_qualisys(sheet: Sheet) -> bool:
     """Return whether the file begins as Qualisys's do."""
-    return bool(sheet.rows) and sheet.rows[0][:1] == ["NO_OF_FRAMES"]
+    return any(cells[:1] == ["NO_OF_FRAMES"] for cells in sheet.rows[:BEGIN])
 
 
 def read(sheet: Sheet, choices: Choices) -> list[Demonstration]:

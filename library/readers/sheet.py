@@ -46,7 +46,8 @@ class Rows(Sequence[list[str]]):
     def __init__(self, lines: list[str], delimiter: str) -> None:
         self._lines = lines
         self._delimiter = delimiter
-        self._last: tuple[int, list[str]] = (-1, [])
+        self._last: int | None = None
+        self._cells: list[str] = []
 
     def __len__(self) -> int:
         return len(self._lines)
@@ -56,11 +57,14 @@ class Rows(Sequence[list[str]]):
     @overload
     def __getitem__(self, place: slice) -> list[list[str]]: ...
     def __getitem__(self, place: int | slice) -> list[str] | list[list[str]]:
+        # Most often the same line again: that has to cost nothing.
+        if place == self._last:
+            return self._cells
         if isinstance(place, slice):
             return [self[one] for one in range(*place.indices(len(self)))]
-        if place != self._last[0]:
-            self._last = (place, [cell.strip() for cell in _cells(self._lines[place], self._delimiter)])
-        return self._last[1]
+        self._cells = [cell.strip() for cell in _cells(self._lines[place], self._delimiter)]
+        self._last = place
+        return self._cells
 
 
 class Sheet:

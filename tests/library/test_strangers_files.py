@@ -57,6 +57,7 @@ def tracker() -> str:
 MAKERS = {
     "qualisys.tsv": qualisys,
     "bare.tsv": lambda: qualisys(before=0, heads=False),
+    "later.tsv": lambda: "FILE_VERSION\t2.0.0\r\n" + qualisys(),
     "frames.tsv": lambda: qualisys(before=1),
     "tracker.csv": tracker,
     "part.trc": lambda: trc().replace("X1\tY1\tZ1\tX2\tY2\tZ2", "X5\tY5\tZ5\tX9\tY9\tZ9"),
