@@ -1,9 +1,12 @@
 """Groups of people whose right answer is known, on shapes of many kinds: what a learning should make of them."""
 
+# pyright: reportAttributeAccessIssue=false, reportUnknownVariableType=false, reportUnknownMemberType=false
+
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from models.demonstration import Bools, Demonstration, Floats
 from models.evaluation import resampled
@@ -146,12 +149,10 @@ def _odd(generator: np.random.Generator) -> KnownGroup:
         wrong, size = path + off, float(np.hypot(*off))
     else:
         place, size = generator.uniform(0.25, 0.75), float(generator.uniform(0.012, 0.025))
-        along = np.gradient(path, axis=0)
-        along /= np.sqrt((along**2).sum(axis=1, keepdims=True))
         bump = size * np.exp(-(((np.linspace(0.0, 1.0, POINTS) - place) / 0.06) ** 2))
-        wrong = path + bump[:, None] * np.column_stack([-along[:, 1], along[:, 0]])
         middle = np.abs(np.linspace(0.0, 1.0, POINTS) - place) < 0.2
         wrong = np.where(middle[:, None], path + bump[:, None] * _normal(path, place), path)
+        size = float(cKDTree(path).query(wrong)[0].max())
     people = [hand(generator, wrong if i == one else path, f"p{i:02d}", error) for i in range(count)]
     expected = "disagree" if count == 2 else "odd"
     return KnownGroup(f"odd of {count}", people, path, expected, 4.0 * error, frozenset({f"p{one:02d}"}), size)

@@ -7,6 +7,7 @@ long its hand needs for 2 % of it. So a slower or larger drawing is cleaned as t
 # pyright: reportMissingTypeStubs=false, reportAttributeAccessIssue=false
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +35,8 @@ class CleanMotion:
     ``times`` (n,) in s; ``points`` (n, d) in m; ``triggers`` (n,); ``known`` (n,): False inside gaps too long to
     bridge; ``orientations`` (n, 4) or None; ``used`` (r,): which raw samples are neither lost, struck nor reflections;
     ``gap``: the longest stretch in s that is not known; ``crossing``: in how many s this hand crosses 2 % of the
-    drawing.
+    drawing. A closed drawing may have been turned to another start: then the recording is followed from ``begun`` s on,
+    and what came before has times later by ``period`` s.
     """
 
     demonstration_id: str
@@ -46,6 +48,8 @@ class CleanMotion:
     used: Bools
     gap: float
     crossing: float
+    begun: float = 0.0
+    period: float = 0.0
 
 
 def check(demonstration: Demonstration) -> None:
@@ -105,10 +109,15 @@ def clean(demonstration: Demonstration, struck: frozenset[int], filter_window: f
     count = max(LEAST_SAMPLES, round((seen[-1] - seen[0]) / step) + 1)
     grid = np.linspace(seen[0], seen[-1], min(count, MOST_SAMPLES))
     even = _resampled(seen, places, grid)
-    crossing = _crossing(grid, even, diagonal(even))
+    triggers = demonstration.triggers[_nearest(times, grid)]
+    crossing, parts = _crossing(grid, even, diagonal(even)), [slice(None)]
     if despiking:
+        parts = _presses(triggers)
+        largest = max((diagonal(even[part]) for part in parts if triggers[part][0]), default=np.inf)
+        crossing = _crossing(grid, even, min(diagonal(even), largest))
         filter_window = min(filter_window or crossing, crossing)
-    smooth = moving_average(even, round(filter_window * (len(grid) - 1) / (grid[-1] - grid[0])))
+    window = round(filter_window * (len(grid) - 1) / (grid[-1] - grid[0]))
+    smooth = np.concatenate([moving_average(even[part], window) for part in parts])
     if diagonal(smooth) < SHORTEST_MOTION:
         raise UnusableDemonstration(
             "nothing moves further than 1 mm but for reflections and trembling: record it again"
@@ -118,13 +127,19 @@ def clean(demonstration: Demonstration, struck: frozenset[int], filter_window: f
         demonstration.demonstration_id,
         grid,
         smooth,
-        demonstration.triggers[_nearest(times, grid)],
+        triggers,
         known,
         _turned(times[usable], demonstration.orientations, usable, grid),
         usable,
         gap,
         crossing,
     )
+
+
+def _presses(triggers: Bools) -> list[slice]:
+    """Return the stretches in which the button is held, and not: what comes before a bead is not averaged into it."""
+    turns = [0, *(np.flatnonzero(triggers[1:] != triggers[:-1]) + 1).tolist(), len(triggers)]
+    return [slice(first, after) for first, after in pairwise(turns)]
 
 
 def _rows(points: Floats, chosen: Bools) -> Floats:
@@ -211,13 +226,14 @@ def _some(points: Floats) -> Floats:
 def _crossing(times: Floats, points: Floats, size: float) -> float:
     """Return the time in s in which the hand crosses 2 % of a drawing of this size, at the pace at which it goes half
     of its way: rests do not lower it. It is measured over 128 strides, so that trembling is no pace; the quickest
-    strides may be reflections.
+    strides may be reflections. Who goes all of the way needs 2 % of the recording for it at most.
     """
     paces = np.sort(norms(np.diff(_some(points), axis=0)) / np.diff(_some(times)))
     paces = paces[: max(1, round((1.0 - QUICKEST) * len(paces)))]
     gone = np.cumsum(paces)
     usual = float(paces[int(np.searchsorted(gone, 0.5 * gone[-1]))])
-    return CROSSED * size / usual if usual > 0 else float(times[-1] - times[0])
+    longest = CROSSED * float(times[-1] - times[0])
+    return min(CROSSED * size / usual, longest) if usual > 0 else longest
 
 
 def _resampled(times: Floats, values: Floats, grid: Floats) -> Floats:

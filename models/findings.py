@@ -16,6 +16,7 @@ Code = Literal[
     "started-late",
     "let-go-early",
     "marker-lost",
+    "other-beads",
     "paused",
     "waited",
     "went-over-again",

@@ -27,11 +27,16 @@ MEDOID_POINTS = 64
 MEDOID_CANDIDATES = 24
 ROUNDS = 2
 COARSE = 2
+COARSEST = 4
 SMOOTH = 5
 DIRECTION_WEIGHT = 0.3
-DIRECTION_WIDTH = 0.02
+DIRECTION_WIDTH = 5.0
 CORNER = 0.05
-BESIDE_CORNER = 0.05
+LEAST_CORNER = 0.01
+STRAIGHT = 5.0
+BESIDE_CORNER = 13
+OF_EDGE = 4
+LEAST_EDGE = 4
 SKIPPED_IN = 0.02
 LEAST_EXTRA = 0.08
 OPEN_DISTANCE = 0.05
@@ -60,8 +65,8 @@ class Group:
 
 
 def directions(curves: Floats) -> Floats:
-    """Return the unit directions (..., n, d) in which curves (..., n, d) move, over 2 % of their length."""
-    smooth = gaussian_filter1d(curves, DIRECTION_WIDTH * curves.shape[-2], axis=-2, mode="nearest")
+    """Return the unit directions (..., n, d) in which curves (..., n, d) move, over five of their points."""
+    smooth = gaussian_filter1d(curves, DIRECTION_WIDTH, axis=-2, mode="nearest")
     moves = np.gradient(smooth, axis=-2)
     away = norms(curves - curves.mean(axis=-2, keepdims=True))
     still = 1e-9 * away.max(axis=-1)[..., None] + 1e-300
@@ -101,14 +106,21 @@ def fitted_to(curves: Floats, positions: Floats, shape: Floats, weights: Floats)
     return (curves - middle) * scale + target
 
 
-def lay_upon_each_other(curves: Floats, reference: int, method: str, radius: int) -> Group:
-    """Return how the curves (u, n, d), evenly sampled along their way, belong together, seen from one of them."""
+def lay_upon_each_other(
+    curves: Floats, reference: int, method: str, radius: int, open_ends: tuple[bool, bool] = (True, True)
+) -> Group:
+    """Return how the curves (u, n, d), evenly sampled along their way, belong together, seen from one of them.
+
+    ``open_ends``: whether somebody may have begun late, and let go early.
+    """
     count, points = curves.shape[:2]
     shape = curves[reference]
     everyone = np.ones(count, dtype=bool)
-    loose = warp(shape[::COARSE], curves[:, ::COARSE], everyone, everyone)
+    placed = fitted_to(curves, _in_place(curves, shape), shape, np.ones((count, points)))
+    loose = warp(shape[::COARSE], placed[:, ::COARSE], everyone, everyone)
     first, last = loose.first * COARSE, loose.last * COARSE
-    late, early = _open_sides(curves, shape, first, last)
+    late, early = _open_sides(curves, placed, shape, first, last)
+    late, early = late & open_ends[0], early & open_ends[1]
     positions = _finer(loose.positions, points)
     positions[last - first < LEAST_COVER * points] = np.arange(points, dtype=np.float64)
     weights = _fading(first, last, late, early, points)
@@ -131,8 +143,23 @@ def lay_upon_each_other(curves: Floats, reference: int, method: str, radius: int
         if not last_turn:
             shape, positions, weights = _evened(mean_of(taken(curves, positions), weights), positions, weights)
     if method != "fastdtw":
-        positions = _by_length(positions, mean_of(taken(curves, positions), weights))
+        points_there = taken(curves, positions)
+        shape = mean_of(points_there, weights)
+        positions = _by_length(positions, shape, _straightness(points_there, shape))
     return Group(positions, first / (points - 1.0), last / (points - 1.0), late, early, weights)
+
+
+def _in_place(curves: Floats, shape: Floats) -> Floats:
+    """Return the positions (u, n) of curves (u, n, d) that lie nearest to the shape (n, d) along what they drew of it:
+    either where they lie, or moved to the shape's middle. Who drew a part is where the shape is, who drew elsewhere is
+    not.
+    """
+    count, points = curves.shape[:2]
+    moved = curves - curves.mean(axis=1, keepdims=True) + shape.mean(axis=0)
+    everyone = np.ones(2 * count, dtype=bool)
+    found = warp(shape[::COARSEST], np.concatenate([curves, moved])[:, ::COARSEST], everyone, everyone)
+    positions = _finer(found.positions, points)
+    return np.where((found.costs[:count] <= found.costs[count:])[:, None], positions[:count], positions[count:])
 
 
 def skips(positions: Floats, points: int) -> Bools:
@@ -149,20 +176,32 @@ def touched(skipped: Bools, points: int, low: int, high: int) -> Bools:
     return np.asarray(skipped[:, max(0, low - reach + 1) : high].any(axis=1))
 
 
-def _by_length(positions: Floats, shape: Floats) -> Floats:
-    """Return positions (u, n) that pass each edge of the shape (n, d) evenly, by the drawing's own length.
+def _straightness(points: Floats, shape: Floats) -> float:
+    """Return how far in m the mean shape (n, d) of aligned drawings (u, n, d) may stray from a straight edge by chance:
+    five of its standard errors, each one's place taken out; between 1 and 5 % of the drawing.
+    """
+    rests = points - shape
+    rests = rests - np.nanmean(rests, axis=1, keepdims=True)
+    error = float(np.sqrt(np.nanmean((rests * rests).sum(axis=2)) / max(1, len(points) - 1)))
+    size = diagonal(shape)
+    return float(np.clip(STRAIGHT * error, LEAST_CORNER * size, CORNER * size))
+
+
+def _by_length(positions: Floats, shape: Floats, tolerance: float) -> Floats:
+    """Return positions (u, n) that pass each edge of the shape (n, d) evenly, by the drawing's own length. An edge is
+    straight to within ``tolerance`` m.
 
     Where nothing tells one place of an edge from another, a warp lays chance wave upon chance wave, and the mean waves
-    as if all had meant it. So a warp counts within 5 % of the shape from a corner; between them, length does, but where
-    a drawing has a stretch that the others do not have.
+    as if all had meant it. So a warp counts within 13 points of a corner, or a quarter of an edge that is short;
+    between them, length does, but where a drawing has a stretch that the others do not have.
     """
     positions, count = positions.copy(), len(shape)
     skipped = skips(positions, count)
-    beside = round(BESIDE_CORNER * count)
-    found = corners(moving_average(shape, SMOOTH), CORNER * diagonal(shape))
+    found = corners(moving_average(shape, SMOOTH), tolerance)
     for first, last in pairwise(found):
+        beside = min(BESIDE_CORNER, (last - first) // OF_EDGE)
         low, high = first + beside * (first > 0), last - beside * (last < count - 1)
-        if high - low < 2 * beside:
+        if high - low < LEAST_EDGE:
             continue
         stretch = positions[:, low : high + 1]
         whole = np.isfinite(stretch).all(axis=1) & ~touched(skipped, count, low, high)
@@ -213,20 +252,27 @@ def mean_of(points: Floats, weights: Floats) -> Floats:
     return (share * np.where(known, points, 0.0)).sum(axis=0) / np.maximum(share.sum(axis=0), 1e-12)
 
 
-def _open_sides(curves: Floats, shape: Floats, first: Indices, last: Indices) -> tuple[Bools, Bools]:
+def _open_sides(curves: Floats, placed: Floats, shape: Floats, first: Indices, last: Indices) -> tuple[Bools, Bools]:
     """Return who (u,) started late and who let go early.
 
-    Someone did if the drawing's end is far from the median end: than 5 % of the diagonal and than three times the
-    others' usual distance; and if the open warp leaves at least 2 % of the shape unmatched
-    there, and matches 30 % of it at all.
+    Someone did if the drawing's end is far from the median end, as drawn and as ``placed`` onto the shape: than 5 % of
+    the diagonal and than three times the others' usual distance; if the open warp leaves at least 2 % of the shape
+    unmatched there, and matches 30 % of it at all; and if the drawing is shorter than the whole ones, nearer to what is
+    matched than to all of it.
     """
     size, most = diagonal(shape), len(shape) - 1
-    covering = last - first >= LEAST_COVER * len(shape)
+    missing = (first + most - last) / most
+    lengths = norms(np.diff(placed, axis=1)).sum(axis=1)
+    whole = missing <= OPEN_PHASE
+    usual = float(np.median(lengths[whole] if whole.any() else lengths))
+    partial = (last - first >= LEAST_COVER * len(shape)) & (lengths < (1.0 - 0.5 * missing) * usual)
     sides: list[Bools] = []
     for side, unmatched in ((0, first), (-1, most - last)):
-        away = norms(curves[:, side] - middle(curves[:, side]))
-        limit = max(OPEN_DISTANCE * size, OPEN_SPREAD * float(np.median(away)))
-        sides.append(covering & (away > limit) & (unmatched > OPEN_PHASE * most))
+        far = partial & (unmatched > OPEN_PHASE * most)
+        for values in (curves, placed):
+            away = norms(values[:, side] - middle(values[:, side]))
+            far &= away > max(OPEN_DISTANCE * size, OPEN_SPREAD * float(np.median(away)))
+        sides.append(far)
     return sides[0], sides[1]
 
 

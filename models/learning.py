@@ -202,7 +202,9 @@ def _left_out(name: str, reason: str, fault: Literal["invalid", "excluded"]) -> 
 
 
 def _verdict(motion: CleanMotion, fitted: Fitted, row: int) -> Verdict:
-    name, did = motion.demonstration_id, what_it_did(fitted.pauses.get(row, ()), fitted.extras.get(row, ()))
+    longest = [max((one.share for one in fitted.pauses.get(other, ())), default=0.0) for other in fitted.rows]
+    did = what_it_did(fitted.pauses.get(row, ()), fitted.extras.get(row, ()), float(np.median(longest)))
+    name = motion.demonstration_id
     if row in fitted.left_out:
         remark = fitted.left_out[row]
         return Verdict(name, VerdictKind.LEFT_OUT, remark.reason, remark.place, remark.size, "odd", remark.code)
@@ -245,8 +247,11 @@ def _dispense(fitted: Fitted) -> tuple[tuple[float, float], ...]:
 def _raw_phases(demonstration: Demonstration, motion: CleanMotion, times: Floats, phases: Floats) -> Floats:
     known = np.isfinite(times)
     own = demonstration.times - demonstration.times[0]
+    own = np.where(own < motion.begun, own + motion.period, own)
+    step = motion.times[1] - motion.times[0]
+    there = (own >= np.nanmin(times) - step) & (own <= np.nanmax(times) + step)
     found = np.interp(own, np.maximum.accumulate(times[known]), phases[known])
-    return np.where(motion.used, found, np.nan)
+    return np.where(motion.used & there, found, np.nan)
 
 
 def _orientation_finding(motions: Sequence[CleanMotion]) -> tuple[Finding, ...]:

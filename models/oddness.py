@@ -13,6 +13,7 @@ from models.geometry import diagonal, middle, norms
 from models.group import directions, mean_of
 from models.phase import arc_lengths
 from models.placing import laid_upon
+from models.wording import off
 
 WINDOW = 0.05
 FAR = 3.5
@@ -79,14 +80,16 @@ def mismatch(points: Floats, weights: Floats) -> float:
     return float(np.median(rests)) / max(diagonal(mean), 1e-300)
 
 
-def odd_ones(points: Floats, weights: Floats) -> dict[int, Remark]:
+def odd_ones(points: Floats, weights: Floats, phases: Floats) -> dict[int, Remark]:
     """Return which of the aligned motions (u, n, d) are off, where and by how much, by their worst 5 % of the path.
+
+    ``phases`` (n,): 0..1, of the instants. What is told is the largest distance from the mean of the others.
 
     Off is further across the path from the median motion than 3.5 times the others' usual distance there, also when
     the motion is moved, turned and scaled onto the median. Who only draws the same shape elsewhere or at another size
     may do so twice as far. Never more than 40 % of them, and never so that fewer than two are left.
     """
-    count, instants = points.shape[:2]
+    count = len(points)
     if count < 3:
         return {}
     usual = _median(points, weights)
@@ -96,15 +99,13 @@ def odd_ones(points: Floats, weights: Floats) -> dict[int, Remark]:
     worst = np.minimum(ratio.max(axis=1), np.maximum(placed, ratio.max(axis=1) / PLACED))
     most = min(count - 2, int((1.0 - KEPT) * count))
     suspects = [int(row) for row in np.argsort(-worst, kind="stable")[:most] if worst[row] > FAR]
-    width = _width(instants)
     found: dict[int, Remark] = {}
+    fitting = [row for row in range(count) if row not in suspects]
+    offsets = _across(points, mean_of(points[fitting], weights[fitting]))
     for row in suspects:
-        start = int(ratio[row].argmax())
-        place = (start + width // 2) / (instants - 1)
-        offset = np.nanmean(offsets[row, start : start + width], axis=0)
-        size = float(np.sqrt((offset * offset).sum()))
-        reason = f"{place:.2f} of the path: {1e3 * size:.0f} mm {_side(offset)} the others"
-        found[row] = Remark(reason, place, size, "off")
+        away = np.nan_to_num(norms(offsets[row]))
+        peak = int(away.argmax())
+        found[row] = off(float(phases[peak]), offsets[row, peak])
     return found
 
 
@@ -148,13 +149,3 @@ def _median(points: Floats, weights: Floats) -> Floats:
     nobody = np.asarray(~np.isfinite(points).any(axis=(0, 2)))
     filled = np.where(nobody[None, :, None], mean_of(points, weights), points)
     return middle(filled.transpose(1, 0, 2))
-
-
-def _side(offset: Floats) -> str:
-    axis = int(np.abs(offset).argmax())
-    up = len(offset) - 1
-    if axis == up:
-        return "above" if offset[axis] > 0 else "below"
-    if axis == 0:
-        return "to the right of" if offset[axis] > 0 else "to the left of"
-    return "behind" if offset[axis] > 0 else "in front of"

@@ -72,7 +72,7 @@ def _refuse(names: Sequence[str], curves: Floats, one: list[int], other: list[in
     if _is_part(curves[one[0]], curves[other[0]]) or _is_part(curves[other[0]], curves[one[0]]):
         return
     here, there = (tuple(sorted(names[index] for index in group)) for group in (one, other))
-    first, second = _named(here), _named(there)
+    first, second = named(here), named(there)
     straight, turned = _apart_from(curves[one[0]], np.stack([curves[other[0]], curves[other[0], ::-1]]))
     if turned < TURNED * straight:
         words = (
@@ -159,7 +159,8 @@ def _worst(typical: Floats, curve: Floats) -> tuple[float, float]:
     return (worst + 0.5 * (width - 1)) / (len(away) - 1), float(windows[worst])
 
 
-def _named(names: Sequence[str]) -> str:
+def named(names: Sequence[str]) -> str:
+    """Return the first five of these names in words, and how many more there are."""
     told = ", ".join(names[:SHOWN])
     more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
     return f"{told}{more}"

@@ -2,17 +2,23 @@
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from models.correspondence import Remark
+from models.demonstration import Floats
+from models.geometry import norms
 from models.stretches import Extra, Pause
 
-LONG_PAUSE = 0.1
+LONG_PAUSE = 0.12
 LONG_WAIT = 0.3
+UNUSUAL = 2.0
 MOST_TOLD = 3
+AT_AN_END = 0.02
 
 
-def what_it_did(pauses: Sequence[Pause], extras: Sequence[Extra]) -> Remark | None:
-    """Return pauses of a tenth of the time and more, waits of three tenths at the ends and stretches the others lack,
-    in words.
+def what_it_did(pauses: Sequence[Pause], extras: Sequence[Extra], usual: float = 0.0) -> Remark | None:
+    """Return pauses of an eighth of the time and more, waits of three tenths at the ends and stretches the others lack,
+    in words. ``usual``: the people's usual longest share; who pauses less than twice as long does what all do.
 
     The place is that of the first one told, the size how far from the common path a way around went.
     """
@@ -31,12 +37,12 @@ def what_it_did(pauses: Sequence[Pause], extras: Sequence[Extra]) -> Remark | No
             told.append(Remark(words, extra.place, extra.away, "way-around"))
     for pause in sorted(pauses, key=lambda one: -one.duration):
         waited = f"waited for {pause.duration:.1f} s"
-        if 0.0 < pause.place < 1.0:
-            if pause.share >= LONG_PAUSE:
+        if AT_AN_END < pause.place < 1.0 - AT_AN_END:
+            if pause.share >= max(LONG_PAUSE, UNUSUAL * usual):
                 words = f"paused for {pause.duration:.1f} s at {pause.place:.2f} of the path"
                 told.append(Remark(words, pause.place, None, "paused"))
-        elif pause.share >= LONG_WAIT:
-            where = "before the first move" if pause.place == 0.0 else "after the last move"
+        elif pause.share >= max(LONG_WAIT, UNUSUAL * usual):
+            where = "before the first move" if pause.place < 0.5 else "after the last move"
             told.append(Remark(f"{waited} {where}", pause.place, None, "waited"))
     if not told:
         return None
@@ -51,3 +57,33 @@ def another_shape(place: float, size: float) -> Remark:
     """Return what is said of a demonstration that shows something else than the others do."""
     words = f"another shape than the others: {1e3 * size:.0f} mm off at {place:.2f} of the path"
     return Remark(words, place, size, "another-shape")
+
+
+def off(place: float, offset: Floats) -> Remark:
+    """Return what is said of a demonstration that is this far (d,) from the others at one place."""
+    size = float(norms(offset))
+    words = f"{place:.2f} of the path: {millimetres(size)} mm {_side(offset)} the others"
+    return Remark(words, place, size, "off")
+
+
+def drawn_elsewhere(offset: Floats) -> Remark:
+    """Return what is said of a demonstration that lies this far (d,) from the others all along."""
+    size = float(norms(offset))
+    words = f"the same shape drawn elsewhere: {millimetres(size)} mm {_side(offset)} the others"
+    return Remark(words, None, size, "elsewhere")
+
+
+def millimetres(size: float) -> str:
+    """Return a size in m in millimetres, to a tenth where that says something."""
+    return f"{1e3 * size:.0f}" if size >= 0.01 else f"{1e3 * size:.1f}"
+
+
+def _side(offset: Floats) -> str:
+    """Return in words to which side an offset (d,) goes most."""
+    axis = int(np.abs(offset).argmax())
+    up = len(offset) - 1
+    if axis == up:
+        return "above" if offset[axis] > 0 else "below"
+    if axis == 0:
+        return "to the right of" if offset[axis] > 0 else "to the left of"
+    return "behind" if offset[axis] > 0 else "in front of"

@@ -12,6 +12,10 @@ LEARNING = {
     "to the left of": "links von den anderen",
     "behind": "hinter den anderen",
     "in front of": "vor den anderen",
+    "the same shape drawn elsewhere: {n} mm {t} the others": "dieselbe Form anderswo gezeichnet: {n} mm {t}",
+    "the button was pressed {n} times where the others pressed it {n2} times: draw it again": (
+        "die Taste wurde {n}-mal gedrückt, bei den anderen {n2}-mal: noch einmal zeichnen"
+    ),
     "started at {n} of the path: used from there": "begann bei {n} der Bahn: ab dort verwendet",
     "let go at {n} of the path: used up to there": "losgelassen bei {n} der Bahn: bis dort verwendet",
     "{n} mm": "{n} mm",
@@ -87,6 +91,41 @@ LEARNING = {
     ),
     "{n} demonstrations were recorded, {n2} are needed": "{n} Vorführungen sind aufgezeichnet, {n2} sind nötig",
     "{name}: {t}": "{name}: {t}",
+    # what is to be known of all of them
+    "the shape is closed, and {n} of {n2} began elsewhere on it: it begins where most did, {n3} of {n4}": (
+        "die Form ist geschlossen, und {n} von {n2} begannen anderswo: sie beginnt, wo die meisten begannen, "
+        "{n3} von {n4}"
+    ),
+    "the same shape was drawn in two places, {n} mm apart, by {a} and by {b}: the path lies between them": (
+        "dieselbe Form wurde an zwei Orten gezeichnet, {n} mm auseinander, von {a} und von {b}: "
+        "die Bahn liegt dazwischen"
+    ),
+    "the same shape was drawn in two places, {n} mm apart, by {a} and by {b}: the path is that of the former": (
+        "dieselbe Form wurde an zwei Orten gezeichnet, {n} mm auseinander, von {a} und von {b}: "
+        "die Bahn ist die der ersteren"
+    ),
+    "the same shape was drawn in two places, {n} mm apart, by {a} and by {b}: exclude one group, or draw it again in "
+    "one place": (
+        "dieselbe Form wurde an zwei Orten gezeichnet, {n} mm auseinander, von {a} und von {b}: "
+        "eine Gruppe auslassen oder an einem Ort neu zeichnen"
+    ),
+    "{a} drew {n} mm apart from each other, and of two nobody can tell who is right: let a third person draw it": (
+        "{a} zeichneten {n} mm voneinander entfernt, und bei zweien weiß niemand, wer recht hat: "
+        "eine dritte Person zeichnen lassen"
+    ),
+    "{a} are {n} mm apart at {n2} of the path, and of two nobody can tell who is right: let a third person draw it": (
+        "{a} sind {n} mm auseinander bei {n2} der Bahn, und bei zweien weiß niemand, wer recht hat: "
+        "eine dritte Person zeichnen lassen"
+    ),
+    "at {n} of the path the marker of {n2} of {n3} was lost: check it there": (
+        "bei {n} der Bahn war der Marker von {n2} von {n3} verloren: die Bahn dort prüfen"
+    ),
+    "the start of the path is drawn by {n} of {n2} only: check it": (
+        "der Anfang der Bahn ist nur von {n} von {n2} gezeichnet: prüfen"
+    ),
+    "the end of the path is drawn by {n} of {n2} only: check it": (
+        "das Ende der Bahn ist nur von {n} von {n2} gezeichnet: prüfen"
+    ),
     # recordings that do not belong together
     "some demonstrations have two dimensions and some three: learn them apart": (
         "einige Vorführungen haben zwei Dimensionen, andere drei: getrennt lernen"
