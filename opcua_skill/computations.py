@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from library.description import SkillDescription
+from library.errors import InvalidValue
 from library.private_files import make_private, write_private
 from models.demonstration import Demonstration, Edits
 from models.errors import SkillError
@@ -21,6 +23,7 @@ from sim.plan import Finding, MotionOrder, MotionPlan, MotionRefused, plan_home,
 from sim.traces import to_csv, to_parquet
 
 HOMING_SPEED = 0.25
+CHECKED_SAMPLES, FARTHEST = 20_000, 20.0
 # What a worker plans and checks within half the time it may take; over an hour at 8 ms, ten minutes at 1 ms.
 MOST_TIME_STEPS = 500_000
 
@@ -40,6 +43,13 @@ class PlanRefused:
     findings: tuple[Finding, ...]
 
 
+@dataclass(frozen=True, slots=True)
+class DocumentRefused:
+    """A document that is no skill that can be run, and the reason."""
+
+    reason: str
+
+
 def ready() -> bool:
     """Import everything a first computation needs."""
     return True
@@ -56,6 +66,45 @@ def learn_skill(
         return learn(demonstrations, edits, options, progress=report_progress, previous=previous)
     except SkillError as error:
         return LearningRefused(error.argument, str(error))
+
+
+def read_document(content: str, longest: float) -> SkillDescription | DocumentRefused:
+    """Return the version in a document, looked at as far as running it goes: its whole path is made once.
+
+    Its path may take ``longest`` s, and have as many samples at its own time step as a run may have.
+    """
+    try:
+        description = SkillDescription.from_json(content)
+    except InvalidValue as error:
+        return DocumentRefused(str(error))
+    try:
+        return DocumentRefused(reason) if (reason := _cannot_run(description.motion(), longest)) else description
+    except (ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
+        return DocumentRefused(f"its path cannot be worked out: {error}")
+
+
+def _cannot_run(motion: Motion, longest: float) -> str:
+    """Return why the path of a motion cannot be run, "" for one that can."""
+    if motion.duration > longest:
+        return f"duration is {motion.duration:.4g} s: it has to be at most {longest:g} s"
+    samples = motion.duration / motion.time_step + 1.0
+    if samples > MOST_TIME_STEPS:
+        return f"timeStep is {motion.time_step:.4g} s: that makes {samples:.4g} samples, {MOST_TIME_STEPS} are allowed"
+    with np.errstate(all="ignore"):
+        path = replace(motion, time_step=max(motion.time_step, motion.duration / CHECKED_SAMPLES)).as_learned()
+    for name, values in (("times", path.times), ("positions", path.points), ("covariances", path.covariances)):
+        if not np.isfinite(values).all():
+            return f"its path has {name} that are not finite numbers: means and covariances do not fit together"
+    if not (np.diff(path.times) > 0.0).all():
+        return "the times along its path do not rise: means and covariances do not fit together"
+    farthest = float(np.abs(path.points).max())
+    if farthest > FARTHEST:
+        return f"its path goes {farthest:.4g} m away: positions are in metres, at most {FARTHEST:g} from the origin"
+    if not (np.diagonal(path.covariances, axis1=1, axis2=2) >= 0.0).all():
+        return "its path has a spread below 0: the covariances are not those of a skill"
+    if motion.has_orientation and not np.isfinite(motion.orientations_at(path.phases)).all():
+        return "its path has orientations that are not finite numbers"
+    return ""
 
 
 def trajectory_as_learned(motion: Motion, time_step: float) -> Trajectory:
@@ -112,8 +161,12 @@ def write_trace(
         contents["plan.json"] = json.dumps(plan, indent=1, default=float, allow_nan=False).encode()
     for kind, content in contents.items():
         unfinished = folder / f".{name}.{kind}.part"
-        write_private(unfinished, content)
-        unfinished.replace(folder / f"{name}.{kind}")
+        try:
+            write_private(unfinished, content)
+            unfinished.replace(folder / f"{name}.{kind}")
+        except OSError:
+            unfinished.unlink(missing_ok=True)  # a full disk gets its room back
+            raise
 
 
 def plan_skill(

@@ -22,6 +22,7 @@ from opcua_skill.first_look import check_library_is_there, check_users, tell_loo
 from opcua_skill.health import Fault, FaultKind, Health
 from opcua_skill.jobs import ArmFactory, JobEngine, Station, ready_to_move
 from opcua_skill.jobs.station import model_of
+from opcua_skill.logs import Logs
 from opcua_skill.methods.audit import AuditMethods
 from opcua_skill.methods.edits import EditMethods
 from opcua_skill.methods.homing import HomingMethods
@@ -41,6 +42,7 @@ from opcua_skill.nodes.recorder import RecorderNodes, add_recorder
 from opcua_skill.nodes.sessions import add_sessions
 from opcua_skill.nodes.skills import SkillNodes
 from opcua_skill.nodes.tree import Tree, number, numbers, text, texts
+from opcua_skill.nodes.tree import count as count_of
 from opcua_skill.nodes.types import add_types
 from opcua_skill.nodes.workstation import add_workstation
 from opcua_skill.security import Authenticator, SecuritySettings
@@ -51,6 +53,7 @@ from opcua_skill.stack.calls import CallRecord, Refused
 from opcua_skill.stack.server import SkillServer
 from opcua_skill.stack.sessions import Session
 from opcua_skill.stack.transport import ReservedPort
+from opcua_skill.stack.watchdog import Watchdog
 from opcua_skill.standing import Standing, told_of
 from opcua_skill.tidings import Tidings
 from sim.arm import ArmError, ArmModel, ArmState
@@ -87,6 +90,8 @@ class SkillServerApp:
         self._faults: tuple[Fault, ...] = ()
         self._showing: asyncio.Task[None] | None = None
         self._lock = DataLock(settings)
+        self._logs = Logs()
+        self.watchdog = Watchdog()
         self._mentioning: asyncio.Task[None] | None = None
         self.library: SkillLibrary
         self.jobs: JobEngine
@@ -124,6 +129,8 @@ class SkillServerApp:
         """
         settings = self.settings
         async with contextlib.AsyncExitStack() as undo:
+            self._logs.start()
+            undo.callback(self._logs.stop)
             make_private(settings.data)
             last = self._lock.take()
             undo.callback(self._lock.release)
@@ -152,6 +159,7 @@ class SkillServerApp:
             await self.server.start(port)
             undo.pop_all()
         self._health.start()
+        self.watchdog.start()
         self._standing.start()
         self._showing = asyncio.create_task(self._show_state(), name="show state of arms")
         self._mentioning = asyncio.create_task(self._mention_refusals(), name="mention refusals")
@@ -206,6 +214,7 @@ class SkillServerApp:
                 task.cancel()
                 await asyncio.gather(task, return_exceptions=True)
         await self._health.stop()
+        await self.watchdog.stop()
         await self._standing.stop()
         await self.jobs.stop()
         await self.server.stop()
@@ -213,6 +222,7 @@ class SkillServerApp:
         await self._audit.stop()
         await self.library.close()
         self._lock.release()
+        self._logs.stop()
 
     async def _add_workstation(self, name: str) -> None:
         station = self.jobs.stations[name]
@@ -366,6 +376,10 @@ class SkillServerApp:
         """Write down, now and then, how many refusals were only counted, so that nobody can fill the disk with them."""
         while True:
             await asyncio.sleep(MENTION_REFUSALS_EVERY)
+            if dropped := self._logs.take_dropped():
+                self._health.lost(FaultKind.RECORDS_DROPPED, f"{dropped} lines of the log were dropped: too many came")
+            await self._tree.write("SkillLibrary/LongestHold", number(self.watchdog.longest))
+            await self._tree.write("SkillLibrary/Holds", count_of(self.watchdog.holds))
             for who, count in self.server.iserver.method_service.refusals.take_beyond().items():
                 name = who if isinstance(who, str) else ", ".join(str(part) for part in who)  # type: ignore[attr-defined]
                 words = f"{count} more refusals of {name[:200]} were counted and not recorded one by one"

@@ -110,6 +110,9 @@ class Limits(Section):
     max_demonstrations: int = Field(default=200, ge=2, description="demonstrations in one call")
     max_points_per_demonstration: int = Field(default=100_000, ge=2, description="samples of one demonstration")
     max_queued_jobs: int = Field(default=20, ge=1, description="jobs waiting for one arm, and for learning")
+    max_trajectory_samples: int = Field(default=150_000, ge=2, description="samples in one answer of GetTrajectory")
+    max_content: int = Field(default=4_000_000, ge=1, description="characters of a document for ImportSkill")
+    max_duration: float = Field(default=36_000.0, gt=0, description="seconds that a path may take")
     max_page: int = Field(default=1000, ge=1, description="rows in one answer of FindSkills, ListRecipes and ListJobs")
 
 

@@ -9,7 +9,7 @@ from library.errors import LibraryUnusable
 from library.store import SkillLibrary
 from models.motion import Trajectory
 from opcua_skill.arm_queue import ArmQueue, QueueStatus
-from opcua_skill.computations import PlanRefused
+from opcua_skill.computations import DocumentRefused, PlanRefused
 from opcua_skill.jobs.execution import ExecutionJobs, Mode
 from opcua_skill.jobs.learning import LearningJobs, LearningOutcome, LearningRequest, Tell, TellVersion
 from opcua_skill.jobs.planning import Planning
@@ -88,6 +88,7 @@ class JobEngine:
         self._warm_up = asyncio.create_task(self._warm(), name="warm up workers")
 
     async def _warm(self) -> None:
+        await asyncio.to_thread(self._planning.sweep)
         await self._planning.warm_up()
         await self._learning.warm_up()
 
@@ -130,6 +131,10 @@ class JobEngine:
     async def trajectory(self, description: SkillDescription, time_step: float) -> Trajectory:
         """Return the path with the people's own timing, at ``time_step`` s (0: the learned one)."""
         return await self._planning.trajectory(description, time_step)
+
+    async def read_document(self, content: str, longest: float) -> SkillDescription | DocumentRefused:
+        """Return the version in a document, or why it cannot be run; its path may take ``longest`` s."""
+        return await self._planning.read_document(content, longest)
 
     async def recipe_trajectory(self, description: SkillDescription, recipe: Recipe) -> Trajectory | PlanRefused:
         """Return the path in the part's frame with a recipe's timing, as the first workstation's arm would run it."""

@@ -3,10 +3,12 @@
 from library.description import Recipe, SkillDescription
 from models.motion import Trajectory
 from opcua_skill.computations import (
+    DocumentRefused,
     PlanRefused,
     plan_record,
     plan_skill,
     plan_way_home,
+    read_document,
     ready,
     trajectory_as_learned,
     trajectory_of_plan,
@@ -21,6 +23,7 @@ from sim.arm import Trace
 from sim.plan import MotionPlan
 
 PLANNING_SECONDS = 60.0
+READING_SECONDS = 20.0
 
 
 class Planning:
@@ -29,20 +32,35 @@ class Planning:
     def __init__(self, settings: Settings) -> None:
         self._settings = settings
         self._workers = Workers(1, "planning")
+        self._reading = Workers(1, "reading")  # what is only looked at does not keep runs from being planned
+
+    def sweep(self) -> None:
+        """Remove what a server that was killed while it wrote a trace has left: it takes room and nobody sees it."""
+        for left in (self._settings.data / "traces").glob(".*.part"):
+            left.unlink(missing_ok=True)
 
     async def warm_up(self) -> None:
         """Let the workers import what the first plan needs."""
         await self._workers.warm_up(ready)
+        await self._reading.warm_up(ready)
 
     def close(self) -> None:
         """End every worker, whatever it does."""
         self._workers.close()
+        self._reading.close()
 
     async def plan(
-        self, station: Station, description: SkillDescription, recipe: Recipe, speed_fraction: float = 1.0
+        self,
+        station: Station,
+        description: SkillDescription,
+        recipe: Recipe,
+        speed_fraction: float = 1.0,
+        *,
+        only_looked_at: bool = False,
     ) -> MotionPlan | PlanRefused:
         """Plan and check a run on a station's arm."""
-        return await self._workers.run(
+        workers = self._reading if only_looked_at else self._workers
+        return await workers.run(
             f"planning {description.name}",
             plan_skill,
             description.motion(),
@@ -65,7 +83,7 @@ class Planning:
     async def trajectory(self, description: SkillDescription, time_step: float) -> Trajectory:
         """Return the path with the people's own timing, at ``time_step`` s (0: the learned one)."""
         what = f"reproducing {description.name}"
-        return await self._workers.run(
+        return await self._reading.run(
             what, trajectory_as_learned, description.motion(), time_step, seconds=PLANNING_SECONDS
         )
 
@@ -73,12 +91,16 @@ class Planning:
         self, station: Station, description: SkillDescription, recipe: Recipe
     ) -> Trajectory | PlanRefused:
         """Return the path in the part's frame with a recipe's timing, as a station's arm would run it."""
-        planned = await self.plan(station, description, recipe)
+        planned = await self.plan(station, description, recipe, only_looked_at=True)
         if isinstance(planned, PlanRefused):
             return planned
         motion = description.motion()
         what = f"reproducing {description.name}"
-        return await self._workers.run(what, trajectory_of_plan, motion, planned, seconds=PLANNING_SECONDS)
+        return await self._reading.run(what, trajectory_of_plan, motion, planned, seconds=PLANNING_SECONDS)
+
+    async def read_document(self, content: str, longest: float) -> SkillDescription | DocumentRefused:
+        """Return the version in a document, or why it cannot be read or run."""
+        return await self._reading.run("reading a document", read_document, content, longest, seconds=READING_SECONDS)
 
     async def keep_trace(self, order: Order, trace: Trace) -> None:
         """Write the whole trace of a run into files, joints, valve and override too, and the plan that was run."""

@@ -36,6 +36,8 @@ class EditMethods:
                 raise NotFound("demonstration", name)
             if name in struck:
                 raise out_of_range("Edits", f"there are two entries for demonstration {name}")
+            if len(edit.Struck or ()) > lengths[name]:
+                raise out_of_range("Edits", f"{name} has {lengths[name]} samples, {len(edit.Struck)} were named")
             struck[name] = frozenset(edit.Struck or ())
             if struck[name] and max(struck[name]) >= lengths[name]:
                 last = lengths[name] - 1

@@ -1,6 +1,8 @@
 """The methods of SkillLibrary."""
 
+import asyncio
 import json
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,10 +17,12 @@ from models.demonstration import Edits
 from models.learning import Verdict, VerdictKind, samples_along_path
 from models.motion import Trajectory
 from opcua_skill.atomic_skills import required_atomic_skills
+from opcua_skill.computations import DocumentRefused
 from opcua_skill.jobs import JobEngine, LearningRequest, PlanRefused, motion_parameters
 from opcua_skill.methods.refusals import Code, out_of_range, refusing
 from opcua_skill.methods.values import (
     ReceivedDemonstrations,
+    flat,
     learning_options,
     received_demonstrations,
     recipe,
@@ -130,6 +134,7 @@ class LibraryMethods:
         if not (np.isfinite(time_step) and (time_step == 0.0 or 0.0005 <= time_step <= 1.0)):
             raise out_of_range("TimeStep", f"TimeStep is {time_step:g} s: it has to be 0, or 0.0005 to 1")
         description = await self.library.description(skill_name, version)
+        self._check_samples(description.duration, time_step or description.time_step)
         if not recipe_id:
             path = await self.jobs.trajectory(description, time_step)
         else:
@@ -138,11 +143,22 @@ class LibraryMethods:
                 raise NotFound("recipe", f"{recipe_id} of {skill_name}")
             if time_step:
                 chosen = chosen.model_copy(update={"time_step": time_step})
+            self._check_samples(chosen.duration or description.duration, chosen.time_step)
             planned = await self.jobs.recipe_trajectory(description, chosen)
             if isinstance(planned, PlanRefused):
                 raise out_of_range("RecipeId", planned.findings[0].text)
             path = planned
         return _wire_trajectory(path)
+
+    def _check_samples(self, duration: float, time_step: float) -> None:
+        """Refuse a path of too many samples before any of them is made."""
+        most, samples = self.settings.limits.max_trajectory_samples, duration / time_step + 1.0
+        if samples > most:
+            reason = (
+                f"a path of {duration:g} s has {samples:.0f} samples at steps of {time_step:g} s, {most} are allowed: "
+                f"take steps of at least {duration / (most - 1):.3g} s"
+            )
+            raise out_of_range("TimeStep", reason)
 
     @refusing(blame="Indices")
     async def remove_points(
@@ -163,8 +179,10 @@ class LibraryMethods:
             edits = edits.with_struck(demonstration_id, frozenset(indices))
         else:
             motion, aligned = description.motion(), await self.library.aligned(skill_name, description.version)
-            _check_indices(indices, len(motion.as_learned().times), "the learned path")
-            for name, samples in samples_along_path(motion, aligned, indices).items():
+            steps = max(1, math.ceil(motion.duration / motion.time_step - 1e-9))
+            _check_indices(indices, steps + 1, "the learned path")
+            found = await asyncio.to_thread(samples_along_path, motion, aligned, indices)
+            for name, samples in found.items():
                 edits = edits.with_struck(name, samples)
         outcome = await self.jobs.learn(
             LearningRequest(
@@ -249,10 +267,13 @@ class LibraryMethods:
     async def import_skill(self, content: str, format_name: str) -> tuple[Any, ...]:
         """Store a version from a document; it starts as Learned and has to be approved here."""
         _check_format(format_name)
-        try:
-            description = SkillDescription.from_json(content)
-        except InvalidValue as error:
-            raise out_of_range("Content", str(error)) from error
+        most = self.settings.limits.max_content
+        if len(content) > most:
+            raise Refused(Code.BadRequestTooLarge, f"the document has {len(content)} characters, {most} are allowed")
+        read = await self.jobs.read_document(content, self.settings.limits.max_duration)
+        if isinstance(read, DocumentRefused):
+            raise out_of_range("Content", read.reason)
+        description = read
         start = self.jobs.default_recipe(description.name)
         stored = await self.library.import_version(description, caller().name, start)
         await self.tidings.version_changed(stored, caller().name, "imported")
@@ -301,6 +322,8 @@ def _check_format(name: str) -> None:
 
 
 def _check_indices(indices: list[int], samples: int, what: str) -> None:
+    if len(indices) > samples:
+        raise out_of_range("Indices", f"{what} has samples 0 to {samples - 1}, {len(indices)} were named")
     if max(indices) >= samples:
         raise out_of_range("Indices", f"{what} has samples 0 to {samples - 1}, {max(indices)} was named")
 
@@ -345,8 +368,8 @@ def _learning_words(
 def _wire_trajectory(path: Trajectory) -> tuple[Any, ...]:
     return (
         path.points.shape[1],
-        path.times.tolist(),
-        path.points.ravel().tolist(),
-        path.covariances.ravel().tolist(),
-        path.dispense.tolist(),
+        flat(path.times),
+        flat(path.points),
+        flat(path.covariances),
+        flat(path.dispense),
     )

@@ -1,5 +1,6 @@
 """Between the structures on the wire and the values inside: checked at the door, flat arrays out."""
 
+from array import array
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -17,6 +18,7 @@ from opcua_skill.methods.refusals import Code, out_of_range
 from opcua_skill.nodes.types import FAILURE_NUMBERS, NO_TIME
 from opcua_skill.settings import Limits
 from opcua_skill.stack.calls import Refused
+from opcua_skill.stack.decoding import MANY
 
 NEEDED = 2
 UNIT_TOLERANCE = 0.01
@@ -142,21 +144,27 @@ def _demonstration(name: str, item: Any) -> Demonstration:
     )
 
 
+def flat(values: np.ndarray) -> Any:
+    """Return numbers row-major: a few as a list, many as the array itself, which costs no object for each."""
+    plain = np.ascontiguousarray(values).ravel()
+    return plain if plain.size > MANY else plain.tolist()
+
+
 def wire_demonstration(one: Demonstration) -> Any:
     """Return a recording as it goes over the wire, with the tool's orientation where it was recorded."""
     fields: dict[str, Any] = {
         "DemonstrationId": one.demonstration_id,
         "Dimension": one.dimension,
-        "Times": one.times.tolist(),
-        "Positions": one.points.ravel().tolist(),
-        "Triggers": one.triggers.tolist(),
+        "Times": flat(one.times),
+        "Positions": flat(one.points),
+        "Triggers": flat(one.triggers),
         "Operator": one.operator,
         "Source": one.source,
         "RecordedAt": wire_moment(one.recorded_at),
     }
     if one.orientations is None:
         return ua.DemonstrationDataType(**fields)  # type: ignore[attr-defined]
-    turned = one.orientations.ravel().tolist()
+    turned = flat(one.orientations)
     return ua.PoseDemonstrationDataType(**fields, Orientations=turned)  # type: ignore[attr-defined]
 
 
@@ -165,9 +173,9 @@ def wire_aligned(one: AlignedDemonstration) -> Any:
     return ua.DemonstrationDataType(  # type: ignore[attr-defined]
         DemonstrationId=one.demonstration_id,
         Dimension=one.points.shape[1],
-        Times=one.times.tolist(),
-        Positions=one.points.ravel().tolist(),
-        Triggers=one.triggers.tolist(),
+        Times=flat(one.times),
+        Positions=flat(one.points),
+        Triggers=flat(one.triggers),
         Operator="",
         Source="aligned",
         RecordedAt=NO_TIME,
@@ -310,7 +318,7 @@ def audit_value(value: Any) -> Any:
         return value if np.isfinite(value) else str(value)
     if isinstance(value, datetime):
         return value.isoformat()
-    if isinstance(value, list | tuple):
+    if isinstance(value, list | tuple | array):
         return [audit_value(item) for item in value] if len(value) <= 16 else f"{len(value)} values"
     fields: Iterable[str] = getattr(value, "__dataclass_fields__", ())
     if fields:

@@ -13,7 +13,7 @@ from opcua_skill.endings import TRACE_COLUMNS
 from opcua_skill.jobs import JobEngine, Station
 from opcua_skill.lane import Lane
 from opcua_skill.methods.refusals import Code, out_of_range, refusing
-from opcua_skill.methods.values import wire_report
+from opcua_skill.methods.values import flat, wire_report
 from opcua_skill.settings import Settings
 from opcua_skill.stack.access import Role, caller
 from opcua_skill.stack.calls import Refused
@@ -127,7 +127,7 @@ class WorkstationMethods:
     async def _trace(self, job_id: str, columns: slice) -> tuple[Any, ...]:
         trace = await self.library.trace(job_id)
         commanded, measured = trace.commanded[:, columns], trace.measured[:, columns]
-        return (trace.times.tolist(), commanded.ravel().tolist(), measured.ravel().tolist())
+        return (flat(trace.times), flat(commanded), flat(measured))
 
     @refusing(blame="Comment")
     async def protective_stop(self, comment: str) -> tuple[Any, ...]:

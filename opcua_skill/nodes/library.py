@@ -6,7 +6,7 @@ from typing import Any
 from asyncua.ua.object_ids import ObjectIds
 
 from opcua_skill.methods.library import LibraryMethods
-from opcua_skill.nodes.tree import Tree, count, standard, texts
+from opcua_skill.nodes.tree import Tree, count, number, standard, texts
 from opcua_skill.nodes.types import BOOLEAN, BYTE, BYTE_STRING, DOUBLE, STATUS_CODE, STRING, UINT32
 from opcua_skill.settings import Limits
 from opcua_skill.stack.access import Role
@@ -189,9 +189,15 @@ async def add_library(
         ("MaxDemonstrations", limits.max_demonstrations),
         ("MaxPointsPerDemonstration", limits.max_points_per_demonstration),
         ("MaxQueuedJobs", limits.max_queued_jobs),
+        ("MaxTrajectorySamples", limits.max_trajectory_samples),
+        ("MaxContentLength", limits.max_content),
+        ("MaxPage", limits.max_page),
         ("MaxMessageSize", largest_message),
+        ("MaxAnswerSize", tree.server.stack_limits.largest_answer),  # type: ignore[attr-defined]
     ):
         tree.property(f"{PATH}/Limits/{name}", bounds, count(value))
     tree.property(f"{PATH}/Faults", library, texts(()), description="what ServiceLevel is lowered for, in words")
+    tree.property(f"{PATH}/LongestHold", library, number(0.0), description="s the event loop was held longest")
+    tree.property(f"{PATH}/Holds", library, count(0), description="how often it was held for more than 20 ms")
     tree.property(f"{PATH}/FaultKinds", library, texts(()), description="the same, in one word each")
     tree.property(f"{PATH}/Insecure", library, texts(insecure), description="what the configuration weakens, in words")

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from enum import Enum
 from typing import Any
 
+import numpy as np
 from asyncua import ua
 from asyncua.server.address_space import AddressSpace
 from asyncua.ua import ua_binary
@@ -102,9 +103,7 @@ def output_variant(aspace: AddressSpace, data_type: ua.NodeId, rank: int, value:
     """Return a handler's output as a Variant of the declared type; a Variant is passed on as it is."""
     if isinstance(value, ua.Variant):
         return value
-    if hasattr(value, "tolist"):
-        value = value.tolist()
-    if rank > 0:
+    if rank > 0 and not isinstance(value, np.ndarray):
         value = list(value)
     kind = ua.VariantType(_variant_type(aspace, data_type))
     return ua.Variant(value, kind, is_array=rank > 0)

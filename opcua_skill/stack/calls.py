@@ -19,7 +19,9 @@ from asyncua.ua.status_codes import StatusCodes as Codes
 from opcua_skill.stack.access import Caller, Role, audit_entry_id, caller
 from opcua_skill.stack.arguments import ArgumentCheck, compile_check, output_variant
 from opcua_skill.stack.budgets import Budget
+from opcua_skill.stack.limits import Limits
 from opcua_skill.stack.operations import attempted, refused
+from opcua_skill.stack.reading import weight_of
 from opcua_skill.stack.values import node_id, status, status_name
 
 log = logging.getLogger(__name__)
@@ -118,6 +120,7 @@ class CheckedMethods(MethodService):
     def __init__(self, aspace: AddressSpace) -> None:
         super().__init__(aspace)
         self._pool.shutdown()
+        self.largest_answer = Limits().largest_answer
         self.on_call: OnCall | None = None
         self.on_unrecorded: OnCall | None = None
         self.refusals = Budget(REFUSALS_AT_ONCE, REFUSALS_A_SECOND)
@@ -235,6 +238,10 @@ class CheckedMethods(MethodService):
         try:
             async with asyncio.timeout(spec.time_limit):
                 outputs = await spec.handler(*values)
+            size = sum(weight_of(value) for value in outputs)
+            if size > self.largest_answer:
+                reason = f"the answer would have {size} bytes, {self.largest_answer} are allowed: ask for less at once"
+                raise Refused(Codes.BadResponseTooLarge, reason)
             result = ua.CallMethodResult()
             result.InputArgumentResults = [status() for _ in given]
             result.OutputArguments = [

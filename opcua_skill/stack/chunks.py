@@ -6,6 +6,7 @@ open or renew a channel stay with asyncua.
 
 import hmac
 import struct
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -117,13 +118,22 @@ class SecureChannel(SecureConnection):
         channel, token = self.security_token.ChannelId, self.security_token.TokenId
         if len(message) <= most:
             return self._sealed(crypto, _FINAL, channel, token, request_id, message)
-        ends = range(most, len(message) + most, most)
-        return b"".join(
-            self._sealed(
-                crypto, _MORE if end < len(message) else _FINAL, channel, token, request_id, message[end - most : end]
-            )
-            for end in ends
-        )
+        return b"".join(self._chunks(message, most, request_id))
+
+    def chunks(self, message: bytes, request_id: int) -> Iterator[bytes]:
+        """Return a large message chunk by chunk, each sealed when it is asked for."""
+        crypto: Any = self.security_policy.symmetric_cryptography
+        block = crypto.encrypted_block_size()
+        most = (self._limits.max_send_buffer - _PREFIX) // block * crypto.plain_block_size()
+        most -= _SEQUENCE.size + crypto.signature_size() + crypto.min_padding_size()
+        return self._chunks(message, most, request_id)
+
+    def _chunks(self, message: bytes, most: int, request_id: int) -> Iterator[bytes]:
+        crypto: Any = self.security_policy.symmetric_cryptography
+        channel, token = self.security_token.ChannelId, self.security_token.TokenId
+        for end in range(most, len(message) + most, most):
+            kind = _MORE if end < len(message) else _FINAL
+            yield self._sealed(crypto, kind, channel, token, request_id, message[end - most : end])
 
     def _sealed(self, crypto: Any, kind: bytes, channel: int, token: int, request: int, body: bytes) -> bytes:
         self._sequence_number = self._sequence_number + 1 if self._sequence_number < (1 << 32) - 1 else 1

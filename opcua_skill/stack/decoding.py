@@ -9,10 +9,12 @@ UTF-8 or holds NUL, dimensions that do not fit their array, and nesting without 
 import functools
 import math
 import struct
+from array import array
 from collections.abc import Callable
 from enum import Enum, IntFlag
 from typing import Any
 
+import numpy as np
 from asyncua import ua
 from asyncua.common.utils import Buffer, NotEnoughData
 from asyncua.ua import ua_binary, uaerrors
@@ -22,6 +24,21 @@ from opcua_skill.stack.limits import Limits
 _limits = Limits()
 _depth = 0
 _UNCOUNTED = 2**62
+MANY = 4096
+NUMBERS = frozenset("hHiIqQdf")
+_NUMPY = {
+    "b": "i1",
+    "B": "u1",
+    "h": "i2",
+    "H": "u2",
+    "i": "i4",
+    "I": "u4",
+    "q": "i8",
+    "Q": "u8",
+    "?": "?",
+    "d": "f8",
+    "f": "f4",
+}
 _elements_left = _UNCOUNTED
 _INT32 = struct.Struct("<i")
 _NESTING = frozenset({ua.VariantType.Variant, ua.VariantType.ExtensionObject, ua.VariantType.DiagnosticInfo})
@@ -54,6 +71,15 @@ def decode(kind: Any, body: Buffer) -> Any:
         _elements_left = _UNCOUNTED
 
 
+def _pack_array(self: Any, data: Any) -> bytes:
+    """Return numbers as they go over the wire; those in arrays are copied, not gone through one by one."""
+    if data is None:
+        return _INT32.pack(-1)
+    if isinstance(data, np.ndarray):
+        return _INT32.pack(len(data)) + np.ascontiguousarray(data, dtype=f"<{_NUMPY[self.format[-1]]}").tobytes()
+    return _INT32.pack(len(data)) + struct.pack(self._fmt.format(len(data)), *data)
+
+
 def install(limits: Limits) -> None:
     """Put the guarded decoders in place of asyncua's. Called by every server; the last one's limits hold."""
     global _limits
@@ -68,6 +94,10 @@ def install(limits: Limits) -> None:
     ua_binary.extensionobject_from_binary = _extension_object
     ua_binary._reshape = reshape
     ua_binary.create_enum_deserializer = _enumeration
+    ua_binary._Primitive1.pack_array = _pack_array
+    for cached in ("create_uatype_array_serializer", "create_list_serializer", "create_type_serializer"):
+        getattr(ua_binary, cached).cache_clear()
+    ua_binary.create_dataclass_serializer.cache_clear()
     for cached in ("_create_uatype_deserializer", "_create_type_deserializer", "_create_dataclass_deserializer"):
         getattr(ua_binary, cached).cache_clear()
     _array_decoder.cache_clear()
@@ -136,6 +166,10 @@ def _array_decoder(kind: Any) -> Callable[[Any], list[Any] | None]:
 
         def decode_primitives(data: Any) -> list[Any] | None:
             length = _length(data, _limits.array_of_primitives)
+            if length > MANY and primitive.format[-1] in NUMBERS:
+                many = array(primitive.format[-1])
+                many.frombytes(data.read(length * primitive.size))
+                return many  # pyright: ignore[reportReturnType] - a sequence of numbers that costs no object for each
             return None if length == -1 else list(primitive.unpack_array(data, length))
 
         return decode_primitives

@@ -4,6 +4,7 @@ import copy
 import logging
 import secrets
 import time
+from array import array
 from datetime import UTC, datetime
 from typing import Any
 
@@ -86,7 +87,7 @@ def call_event(record: CallRecord, server_uri: str) -> Event:
 
 def brief(value: Any) -> str:
     """Return a value in words for an audit line: short ones whole, long ones by their size."""
-    if isinstance(value, list | tuple) and len(value) > 8:
+    if isinstance(value, list | tuple | array) and len(value) > 8:
         return f"{type(value[0]).__name__}[{len(value)}]"
     if isinstance(value, bytes):
         return value.hex() if len(value) <= 32 else f"{len(value)} bytes"

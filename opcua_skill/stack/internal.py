@@ -71,6 +71,7 @@ class SkillInternalServer(InternalServer):
         self.server_uri = security.application_uri
         self.on_session_closed: list[Callable[[str], Awaitable[None]]] = []
         self.diagnostics = Diagnostics(self)
+        self.one_heavy_at_a_time = asyncio.Semaphore(1)
         self._beside: set[asyncio.Task[None]] = set()
         self.readers: dict[ua.NodeId, frozenset[Role]] = {}
         self._write_roles: dict[ua.NodeId, frozenset[Role]] = {}
@@ -79,6 +80,7 @@ class SkillInternalServer(InternalServer):
         self.allow_remote_admin = False
         self.method_service.stop()
         self.method_service = CheckedMethods(self.aspace)
+        self.method_service.largest_answer = limits.largest_answer
         self.subscription_service = Subscriptions(self.aspace, self)  # pyright: ignore[reportIncompatibleVariableOverride]
         self.isession = Session(
             self, self.aspace, self.subscription_service, "Internal", user=internal_user(), external=False

@@ -20,6 +20,7 @@ from cryptography.exceptions import InvalidSignature
 from opcua_skill.stack.access import audit_entry_id
 from opcua_skill.stack.chunks import Request, SecureChannel
 from opcua_skill.stack.decoding import MALFORMED, decode
+from opcua_skill.stack.reading import weight_of
 from opcua_skill.stack.services import SERVICES
 from opcua_skill.stack.session_services import SessionServices
 from opcua_skill.stack.sessions import Session
@@ -28,6 +29,7 @@ from opcua_skill.stack.values import status, status_name
 log = logging.getLogger(__name__)
 
 CALLS_AT_ONCE = 8
+CHUNKS_AT_ONCE = 16
 LONG_CALL_SECONDS = 0.05
 HEAVY_SECONDS, LONGEST_PAUSE = 0.02, 0.25
 CLOSE = 0
@@ -48,6 +50,7 @@ class Processor(SessionServices):
         super().__init__(internal_server, transport, limits)
         self._connection = SecureChannel(self._limits)
         self.spent = 0.0
+        self._later: list[tuple[Any, Any, Any, Any]] | None = None
         self._hand_on = hand_on
         self._calls: set[asyncio.Task[Any]] = set()
         self._channel_until = float("inf")
@@ -146,18 +149,49 @@ class Processor(SessionServices):
         self, requesthandle: Any, seqhdr: Any, response: Any, msgtype: Any = ua.MessageType.SecureMessage
     ):
         """Send a response; one the client said it cannot take becomes a fault that says so."""
+        if self._later is not None:
+            self._later.append((requesthandle, seqhdr, response, msgtype))
+            return
         response.ResponseHeader.RequestHandle = requesthandle
         if isinstance(response, ua.ServiceFault):
             self.iserver.diagnostics.totals.request_refused(response.ResponseHeader.ServiceResult.value)
         body = struct_to_binary(response)
-        chunks = len(body) // (self._limits.max_send_buffer - 1024) + 1
-        too_large = 0 < self._largest_response < len(body) or 0 < self._most_response_chunks < chunks
-        if too_large and not isinstance(response, ua.ServiceFault):
+        if self._too_large(body) and not isinstance(response, ua.ServiceFault):
             self._fault(requesthandle, seqhdr, Codes.BadResponseTooLarge)
             return
         if not self._transport.is_closing():
             data = self._connection.message_to_binary(body, message_type=msgtype, request_id=seqhdr.RequestId)
             self._transport.write(data)
+
+    def _too_large(self, body: bytes) -> bool:
+        chunks = len(body) // (self._limits.max_send_buffer - 1024) + 1
+        return 0 < self._largest_response < len(body) or 0 < self._most_response_chunks < chunks
+
+    async def _send(self, handle: int, seqhdr: Any, response: Any) -> None:
+        """Send an answer; a large one is put together beside the loop and goes out piece by piece, others after it."""
+        results = response.Results if isinstance(response, ua.CallResponse) else ()
+        heavy = sum(weight_of(output.Value) for one in results for output in one.OutputArguments or ())
+        if heavy < self.iserver.limits.heavy_answer or self._later is not None:
+            self.send_response(handle, seqhdr, response)
+            return
+        response.ResponseHeader.RequestHandle = handle
+        async with self.iserver.one_heavy_at_a_time:
+            body = await asyncio.to_thread(struct_to_binary, response)
+            if self._too_large(body) or self._later is not None:
+                self.send_response(handle, seqhdr, response)
+                return
+            self._later = []
+            try:
+                for place, chunk in enumerate(self._connection.chunks(body, seqhdr.RequestId), start=1):
+                    if self._transport.is_closing():
+                        break
+                    self._transport.write(chunk)
+                    if place % CHUNKS_AT_ONCE == 0:
+                        await asyncio.sleep(0)
+            finally:
+                later, self._later = self._later, None
+        for one in later:
+            self.send_response(*one)
 
     def _fault(self, handle: int, seqhdr: Any, code: int) -> None:
         log.info("fault %s to %s", status_name(code), self.name)
@@ -219,7 +253,7 @@ class Processor(SessionServices):
             decoded = time.perf_counter()
             response = await answer(self, session, params)
             answered = time.perf_counter()
-            self.send_response(header.RequestHandle, seqhdr, response)
+            await self._send(header.RequestHandle, seqhdr, response)
             self.spent += decoded - begun + time.perf_counter() - answered
         except (ServiceError, UaStatusCodeError) as error:
             self._refuse(service, header, seqhdr, int(error.code))

@@ -4,6 +4,7 @@ import dataclasses
 from datetime import UTC, datetime
 from typing import Any
 
+import numpy as np
 from asyncua import ua
 from asyncua.ua.attribute_ids import AttributeIds
 from asyncua.ua.status_codes import StatusCodes as Codes
@@ -26,6 +27,19 @@ def size_of(value: Any) -> int:
             return sum(size_of(element) for element in value) + 4 * len(value)
         return 8 * len(value)
     return 64 if isinstance(value, ua.ExtensionObject) or hasattr(value, "__dataclass_fields__") else 8
+
+
+def weight_of(value: Any) -> int:
+    """Return roughly how many bytes a method's output takes, the fields of its structures counted too."""
+    if isinstance(value, np.ndarray):
+        return int(value.nbytes)
+    if isinstance(value, list | tuple):
+        plain = not value or isinstance(value[0], int | float)
+        return 8 * len(value) if plain else sum(weight_of(one) for one in value)
+    if isinstance(value, str | bytes):
+        return len(value)
+    fields = getattr(value, "__dataclass_fields__", ())
+    return 8 + sum(weight_of(getattr(value, name)) for name in fields)
 
 
 def narrowed(told: ua.DataValue, wanted: ua.ReadValueId) -> ua.DataValue:

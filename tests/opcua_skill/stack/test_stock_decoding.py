@@ -7,6 +7,7 @@ import importlib.util
 import struct
 from types import ModuleType
 
+import numpy as np
 import pytest
 from asyncua import ua
 
@@ -78,6 +79,11 @@ def test_a_number_without_a_name_is_a_fault():
     with pytest.raises(ValueError, match="99"):
         read = binary.create_enum_deserializer(ua.BrowseDirection)(buffer(struct.pack("<i", 99)))
         pytest.fail(mended(f"an enumeration keeps a number that has no name ({read})"))
+
+
+def test_an_array_that_is_no_list_is_lost():
+    packed = binary.Primitives1.Double.pack_array(np.zeros(3))
+    assert packed == struct.pack("<i", -1), mended("arrays of numpy are encoded")
 
 
 def test_a_field_called_encoding_is_a_byte():
