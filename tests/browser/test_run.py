@@ -111,11 +111,22 @@ def test_three_strokes_are_learned_approved_by_another_and_run(
     operator.picture("records", tmp_path)
 
 
-def go_to_the_start(screen: Screen) -> None:
-    """Bring the arm back to where every run starts."""
+def go_to_the_start(plant: Any, screen: Screen) -> None:
+    """Bring the arm back to where every run starts, and let the next run begin."""
     screen.page.locator("[data-mark='home']:not([disabled])").click()
     arm_says(screen, "moving")
     arm_says(screen, "at rest")
+    let_the_next_begin(plant)
+
+
+def let_the_next_begin(plant: Any) -> None:
+    """Release the queue, as somebody does who has looked."""
+
+    async def release() -> None:
+        async with plant.sign_in("mes") as client:
+            await client.workstation("ws1").release_queue("looked")
+
+    away_from_the_browser(release)
 
 
 def stop_and_reset(screen: Screen, *, by_key: bool = False) -> None:
@@ -135,6 +146,7 @@ def test_stop_motion_is_in_reach_in_every_state(plant: Any, screens: Screens, dr
     screen.says(r"Version 1 \(deployed\)")
     slow_down(plant, 0.25)
     stop_and_reset(screen)
+    let_the_next_begin(plant)
 
     screen.button("Run").click()
     arm_says(screen, "moving")
@@ -144,12 +156,12 @@ def test_stop_motion_is_in_reach_in_every_state(plant: Any, screens: Screens, dr
     screen.button("Run").click()
     screen.page.locator("[data-mark='refusal']", has_text="✕").wait_for()
     stop_and_reset(screen)
-    go_to_the_start(screen)
+    go_to_the_start(plant, screen)
 
     screen.button("Run").click()
     arm_says(screen, "moving")
     stop_and_reset(screen, by_key=True)
-    go_to_the_start(screen)
+    go_to_the_start(plant, screen)
 
     screen.button("Run").click()
     arm_says(screen, "moving")
@@ -166,7 +178,7 @@ def test_stop_motion_is_in_reach_in_every_state(plant: Any, screens: Screens, dr
     screen.page.wait_for_timeout(600)
     arm_says(screen, "at rest")
     slow_down(plant, 1.0)
-    go_to_the_start(screen.go(f"/run?skill={drawn}"))
+    go_to_the_start(plant, screen.go(f"/run?skill={drawn}"))
 
 
 def test_a_finger_stops_the_arm_as_soon_as_it_presses(plant: Any, screens: Screens, drawn: str) -> None:
@@ -184,7 +196,7 @@ def test_a_finger_stops_the_arm_as_soon_as_it_presses(plant: Any, screens: Scree
         screen.hand.lift()
         screen.button("Reset: the arm may move again").tap()
         arm_says(screen, "at rest")
-    go_to_the_start(screen)
+    go_to_the_start(plant, screen)
 
 
 def test_who_has_the_arm_is_told_to_everybody_and_keeps_others_from_moving_it(

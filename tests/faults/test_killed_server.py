@@ -71,6 +71,8 @@ async def story(teacher: SkillClient, engineer: SkillClient, told: Acknowledged)
     told.state = await engineer.approve(told.skill, skill.version, skill.model_digest)
     await engineer.deploy(told.skill, skill.version, "ws1")
     told.deployed = True
+    if (await teacher.workstation("ws1").queue()).held:
+        await teacher.workstation("ws1").release_queue("looked after the last kill")
     for _ in range(2):
         told.jobs.append((await teacher.workstation("ws1").execute(told.skill)).job_id)
     for job_id in told.jobs[1:]:
@@ -138,6 +140,12 @@ async def check(plant: "Plant", told: Acknowledged, *, everything: bool) -> None
             job = await engineer.job(job_id) if job_id == told.jobs[0] else await workstation.job(job_id)
             assert job.ended, job
             assert job.state == "Completed" or job.failure == "Interrupted", job
+            runs = job_id != told.jobs[0]
+            assert not runs or job.state == "Completed" or (job.cause, job.held_queue) == ("UnfinishedAtStart", True), (
+                job
+            )
+        unfinished = [one for one in told.jobs[1:] if (await workstation.job(one)).cause == "UnfinishedAtStart"]
+        assert not unfinished or (await workstation.queue()).held, "what a crash left unfinished holds the queue"
 
 
 async def whole(engineer: SkillClient, name: str, version: int) -> None:
