@@ -129,10 +129,10 @@ class ArmQueue:
             self._now = replace(self._now, waiting=waiting)
             self._note_change()
 
-    async def written(self, patience: float = PATIENCE) -> bool:
-        """Wait until the state has reached the disk, for ``patience`` s at most; return whether it has."""
+    async def written(self, patience: float | None = None) -> bool:
+        """Wait until the state has reached the disk, but not for long: ``patience`` s; return whether it has."""
         try:
-            await asyncio.wait_for(self._written.wait(), patience)
+            await asyncio.wait_for(self._written.wait(), PATIENCE if patience is None else patience)
         except TimeoutError:
             return False
         return True

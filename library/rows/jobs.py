@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import sqlalchemy as sql
 
-from library.errors import AlreadyExists, InvalidValue, NotFound
+from library.errors import AlreadyExists, Damaged, InvalidValue, NotFound
 from library.lifecycle import FINAL_JOB_STATES, JobState, check_job_move
 from library.recipe import Recipe
 from library.records import Cause, Failure, JobReport, JobTrace
@@ -131,10 +131,21 @@ def interrupt_unfinished(connection: sql.Connection) -> list[JobReport]:
     """Fail every job that has not ended, because nobody works on it any more; return them, the oldest first.
 
     In the same transaction the queues of the arms they were for are held: a person has to look before anything moves.
+    One that cannot be read any more is failed too, and holds the queue of its workstation: it may have moved the arm.
     """
     query = sql.select(jobs).where(jobs.c.state.not_in(FINAL_JOB_STATES)).order_by(jobs.c.number)
-    found = [_report(row) for row in connection.execute(query)]
-    for workstation in {one.workstation for one in found if moves_an_arm(one)}:
+    found, to_look_at = [], set()
+    for row in connection.execute(query).all():
+        try:
+            report = _report(row)
+        except Damaged:
+            connection.execute(jobs.update().where(jobs.c.number == row.number).values(state=JobState.FAILED.value))
+            to_look_at.add(row.workstation)
+            continue
+        found.append(report)
+        if moves_an_arm(report):
+            to_look_at.add(report.workstation)
+    for workstation in to_look_at - {""}:
         stations.hold(connection, workstation, Cause.UNFINISHED_AT_START, "server")
     return [
         move(

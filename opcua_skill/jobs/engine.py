@@ -34,12 +34,13 @@ class JobEngine:
         tell: Tell,
         tell_version: TellVersion,
         tell_queue: Callable[[str, QueueStatus], Awaitable[None]] | None = None,
+        planning: Planning | None = None,
     ) -> None:
         self._library = library
         self._tell = tell
         self._tell_queue = tell_queue or _told_nobody
         self._arm_factory = arm_factory
-        self._planning = Planning(settings)
+        self._planning = planning or Planning(settings)
         self._learning = LearningJobs(library, settings, self.tell, tell_version, self.default_recipe)
         self._execution = ExecutionJobs(library, settings, self._planning, self.tell)
         self._warm_up: asyncio.Task[None] | None = None
