@@ -38,6 +38,8 @@ NOT_PASSED_ON = ("PYTEST", "OPCUA_SKILL", "PYTHONDONTWRITEBYTECODE")
 sys.dont_write_bytecode = False
 START_LIMIT = 90.0
 LONGEST_FIRST = (
+    "opcua_skill/test_motion_model.py",
+    "faults/test_motion_server.py",
     "faults/test_killed_server.py",
     "browser/test_run.py",
     "faults/hostile/test_mutations.py",

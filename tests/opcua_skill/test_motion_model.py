@@ -20,20 +20,17 @@ from typing import Any
 
 import numpy as np
 import pytest
+from deployed_skill import seed
 from drawn_motion import DrawnMotion
 from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 from motion_ledger import Beginning, Call, Ledger
 from pendant_arm import AWAY, PendantArm
-from small_corner import small_corner
 
 from library.description import Cause, JobState
 from library.errors import LibraryError, LibraryUnusable
 from library.store import SkillLibrary
-from models.demonstration import Edits
-from models.learning import learn
-from models.options import LearningOptions
 from opcua_skill import arm_queue, endings, lane, steering
 from opcua_skill.arm_lock import ArmLock
 from opcua_skill.jobs import JobEngine
@@ -107,33 +104,6 @@ class Nobody:
 
 async def nothing_to_tell(*_: object) -> None:
     await asyncio.sleep(0)
-
-
-@lru_cache(maxsize=1)
-def seed() -> bytes:
-    """Return a database with a skill that is deployed."""
-
-    async def make(file: Path) -> None:
-        people = small_corner(3)
-        async with await SkillLibrary.open(file) as library:
-            made = await library.add_version(
-                name="glue",
-                semantic_type="Gluing",
-                required_atomic_skills=(),
-                recordings=people,
-                edits=Edits(),
-                options=LearningOptions(),
-                learned=learn(people),
-                actor="tina",
-                job_id=None,
-            )
-            await library.approve("glue", 1, bytes.fromhex(made.model_digest), "eve")
-            await library.deploy("glue", 1, "ws1", "eve")
-
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "skills.db"
-        asyncio.run(make(file))
-        return file.read_bytes()
 
 
 class Shift:
@@ -506,8 +476,7 @@ class Day(RuleBasedStateMachine):
         for began in self.ledger.began:
             self.ledger.check(began)
         self.arm.pendant_resume()
-        if self.arm._motion is not None:
-            self.stop_motion(None)
+        self.stop_motion(None)
         self.until("the arm comes to rest", lambda: not self.shift.station.lane.busy_with)
         self.run(self._all_waiting_aborted())
         self.put_right()
