@@ -1,11 +1,10 @@
-"""The Gaussian mixture: how it is fitted, and why its means and covariances are the whole of it.
+"""The Gaussian mixture, and why its means and covariances are the whole of it.
 
-Column 0 of a sample is the clock. A component that covers a stretch of length L of an evenly sampled clock has
-weight L and
-standard deviation L/sqrt(12), so its prior is known from its covariance: w_k = sqrt(Sigma_11,k) / sum. ``fit_tied``
-holds the priors to that formula in each maximisation step; then nothing is lost by storing two arrays. ``fit_free`` is
-expectation
-maximisation as published, through scikit-learn; its priors are dropped and the formula puts others in their place.
+Column 0 of a sample is the clock. A component that covers a stretch of length L of an evenly sampled clock has weight L
+and standard deviation L/sqrt(12), so its prior is known from its covariance: w_k = sqrt(Sigma_11,k) / sum. What
+``models.experts`` finds is a mixture with these priors, so nothing is lost by storing two arrays. ``fit_free`` is
+expectation maximisation as published, through scikit-learn, for the paper's preset; its priors are dropped and the
+formula puts others in their place.
 """
 
 # numpy and scipy leave many results untyped: what leaves a function here is typed by its signature.
@@ -24,7 +23,6 @@ from models.errors import TooManyComponents
 REGULARISATION = 1e-6
 TOLERANCE = 1e-5
 ITERATIONS = 200
-LOG_TWO_PI = float(np.log(2.0 * np.pi))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,30 +44,6 @@ def in_bins(samples: Floats, edges: Floats) -> Mixture:
     component = np.clip(np.searchsorted(edges, samples[:, 0], side="right") - 1, 0, len(edges) - 2)
     responsibilities = (component[:, None] == np.arange(len(edges) - 1)).astype(np.float64)
     return _maximise(samples, responsibilities, _floor(samples))
-
-
-def fit_tied(samples: Floats, start: Mixture) -> Mixture:
-    """Return the mixture of samples (n, D) by expectation maximisation from ``start``, its priors tied to the
-    covariances.
-
-    The loop ends when a step adds less than 1e-5 to the mean log-likelihood of a sample; tied priors and the floor may
-    make the last step a small one downwards, so the most likely mixture counts.
-    """
-    floor = _floor(samples)
-    mixture, best, reached = start, start, -np.inf
-    for _ in range(ITERATIONS):
-        logarithms = _log_joint(samples, mixture)
-        peak = logarithms.max(axis=1, keepdims=True)
-        likelihoods = np.exp(logarithms - peak)
-        total = likelihoods.sum(axis=1, keepdims=True)
-        level = float((np.log(total) + peak).mean())
-        if level > reached:
-            best = mixture
-        if level - reached < TOLERANCE:
-            break
-        reached = level
-        mixture = _maximise(samples, likelihoods / total, floor)
-    return best
 
 
 def fit_free(samples: Floats, start: Mixture) -> Mixture:
@@ -108,35 +82,9 @@ def fit_free(samples: Floats, start: Mixture) -> Mixture:
     return Mixture(means[order] * scale + centre, covariances[order] * scaling)
 
 
-def log_likelihood(samples: Floats, mixture: Mixture) -> float:
-    """Return the mean log-likelihood of a sample (nat) under the mixture with its tied priors."""
-    logarithms = _log_joint(samples, mixture)
-    peak = logarithms.max(axis=1, keepdims=True)
-    return float((np.log(np.exp(logarithms - peak).sum(axis=1, keepdims=True)) + peak).mean())
-
-
 def _floor(samples: Floats) -> Floats:
     """Return what is added to the diagonal (D,), so that samples on one line still have a density."""
     return REGULARISATION * np.maximum(samples.var(axis=0), 1e-12)
-
-
-def _log_joint(samples: Floats, mixture: Mixture) -> Floats:
-    """Return log w_k + log N(sample; mean_k, covariance_k): shape (n, K). Forward substitution by hand: no threads."""
-    factors = np.linalg.cholesky(mixture.covariances)
-    logarithm = np.log(priors(mixture.covariances))
-    result = np.empty((len(samples), len(mixture.means)))
-    width = samples.shape[1]
-    for k, (mean, factor) in enumerate(zip(mixture.means, factors, strict=True)):
-        white = (samples - mean).T.copy()
-        squares = np.zeros(len(samples))
-        for row in range(width):
-            for column in range(row):
-                white[row] -= factor[row, column] * white[column]
-            white[row] /= factor[row, row]
-            squares += white[row] * white[row]
-        determinant = float(np.log(np.diagonal(factor)).sum())
-        result[:, k] = logarithm[k] - 0.5 * (squares + width * LOG_TWO_PI) - determinant
-    return result
 
 
 def _maximise(samples: Floats, responsibilities: Floats, floor: Floats) -> Mixture:

@@ -109,17 +109,6 @@ def odd_ones(points: Floats, weights: Floats, phases: Floats) -> dict[int, Remar
     return found
 
 
-def wavering(points: Floats, mean: Floats) -> float:
-    """Return the standard error in m of the mean path (n, d) of motions (u, n, d), across the path, once each one's
-    place, turn and size are taken out.
-    """
-    offsets = _across(laid_upon(points, mean), mean)
-    count = np.isfinite(offsets[:, :, 0]).sum(axis=0)
-    squares = np.nan_to_num(norms(offsets) ** 2).sum(axis=0)
-    several = count > 1
-    return float(np.sqrt((squares[several] / (count[several] * (count[several] - 1.0))).mean()))
-
-
 def _across(points: Floats, usual: Floats) -> Floats:
     """Return the offsets (u, n, d) of motions (u, n, d) from the median motion (n, d), across the path only."""
     ahead = directions(usual)

@@ -154,6 +154,11 @@ LEARNING = {
         "{n} von {n2} Vorführungen haben keine Orientierung des Werkzeugs ({a}), darum wurde keine gelernt: "
         "in allen aufnehmen oder die ohne auslassen"
     ),
+    "the shape is simplified with {n} components: {n2} mm off the people's mean at {n3} of the path, where it is sure "
+    "to {n4} mm": (
+        "die Form ist mit {n} Komponenten vereinfacht: {n2} mm neben dem Mittel der Personen bei {n3} der Bahn, "
+        "wo es auf {n4} mm sicher ist"
+    ),
     # edits and options
     "the learned path has samples 0 to {n}: choose among them": "die gelernte Bahn hat Punkte 0 bis {n}: daraus wählen",
     "there is no demonstration {name} to strike or exclude": (
