@@ -17,6 +17,7 @@ from library.description import (
     StationRecord,
     VersionState,
 )
+from library.names import normal
 from library.records import JobTrace, User
 from library.rows import audit as audit_rows
 from library.rows import deployments as deployment_rows
@@ -120,10 +121,12 @@ class SkillLibrary:
 
     async def description(self, name: str, version: int = 0) -> SkillDescription:
         """Return the description of a version."""
+        name = normal(name)
         return await self._database.read(lambda connection: version_rows.read(connection, name, version))
 
     async def versions(self, name: str) -> list[SkillSummary]:
         """Return a summary of each version of a skill, the newest first; none for an unknown skill."""
+        name = normal(name)
         return await self._database.read(lambda connection: search.of_skill(connection, name))
 
     async def find(
@@ -140,6 +143,7 @@ class SkillLibrary:
 
         Of each skill comes the newest version that fits; with ``workstation`` it is the one deployed there.
         """
+        name_prefix = normal(name_prefix)
         return await self._database.read(
             lambda connection: search.find(
                 connection,
@@ -154,11 +158,13 @@ class SkillLibrary:
 
     async def recordings(self, name: str, version: int = 0) -> list[Demonstration]:
         """Return the recordings a version was learned from, untouched, in the order they were given."""
+        name = normal(name)
         rows = await self._database.read(lambda connection: recording_rows.of_version(connection, name, version))
         return await asyncio.to_thread(lambda: [unpack_recording(row) for row in rows])
 
     async def aligned(self, name: str, version: int = 0) -> list[AlignedDemonstration]:
         """Return the demonstrations a version used, as they were aligned; an imported one has none."""
+        name = normal(name)
         rows = await self._database.read(lambda connection: version_rows.aligned_of(connection, name, version))
         return await asyncio.to_thread(lambda: [unpack_aligned(row) for row in rows])
 
@@ -200,12 +206,14 @@ class SkillLibrary:
         four_eyes: bool = False,
     ) -> VersionState:
         check_text(comment, "comment")
+        name = normal(name)
         return await self._database.write(
             lambda connection: version_rows.decide(connection, name, version, to, actor, comment, digest, four_eyes)
         )
 
     async def deploy(self, name: str, version: int, workstation: str, actor: str) -> VersionState:
         """Deploy an approved version on a workstation, where it replaces any other version of that skill."""
+        name = normal(name)
         check_name(workstation, "workstation")
         return await self._database.write(
             lambda connection: deployment_rows.deploy(connection, name, version, workstation, actor)
@@ -213,6 +221,7 @@ class SkillLibrary:
 
     async def withdraw(self, name: str, version: int, workstation: str, actor: str) -> VersionState:
         """Take a version (0: whichever is there) off a workstation."""
+        name = normal(name)
         check_text(actor, "actor")
         return await self._database.write(
             lambda connection: deployment_rows.withdraw(connection, name, version, workstation)
@@ -224,6 +233,7 @@ class SkillLibrary:
 
     async def deployed(self, name: str, workstation: str) -> int | None:
         """Return which version of a skill is deployed on a workstation, if any."""
+        name = normal(name)
         return await self._database.read(lambda connection: deployment_rows.deployed(connection, name, workstation))
 
     # Recipes
@@ -234,19 +244,23 @@ class SkillLibrary:
 
     async def recipe(self, recipe_id: str) -> Recipe:
         """Return a recipe."""
+        recipe_id = normal(recipe_id)
         return await self._database.read(lambda connection: recipe_rows.read(connection, recipe_id))
 
     async def recipes(self, skill_name: str = "") -> list[Recipe]:
         """Return the recipes of a skill, or of all skills, in the order of their ids."""
+        skill_name = normal(skill_name)
         return await self._database.read(lambda connection: recipe_rows.of_skill(connection, skill_name))
 
     async def delete_recipe(self, recipe_id: str, actor: str) -> None:
         """Delete a recipe, unless it is a skill's default or a job still needs it."""
+        recipe_id = normal(recipe_id)
         check_text(actor, "actor")
         await self._database.write(lambda connection: recipe_rows.delete(connection, recipe_id))
 
     async def default_recipe_id(self, skill_name: str) -> str:
         """Return the id of the recipe that was made with the skill."""
+        skill_name = normal(skill_name)
         return await self._database.read(lambda connection: version_rows.default_recipe_id(connection, skill_name))
 
     # Jobs
@@ -315,7 +329,7 @@ class SkillLibrary:
         self, name: str, role: str, password_hash: str = "", certificate: bytes = b"", actor: str = ""
     ) -> User:
         """Store somebody who may sign in, with the hash of a password, a certificate (DER), or both."""
-        check_name(name, "name")
+        name = check_name(name, "name")
         check_name(role, "role")
         return await self._database.write(
             lambda connection: user_rows.add(connection, name, role, password_hash, certificate, actor)

@@ -1,7 +1,6 @@
 """What every stored value has in common: frozen, camelCase in JSON, checked, with refusals an operator understands."""
 
 import re
-import unicodedata
 from datetime import UTC, datetime
 from typing import Annotated, Any, Self
 
@@ -10,6 +9,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 from pydantic.alias_generators import to_camel
 
 from library.errors import InvalidValue
+from library.names import normal
 
 MAX_NAME = 128
 MAX_RECIPE_ID = 160
@@ -28,21 +28,14 @@ def check_text(text: str, field: str, longest: int = MAX_TEXT) -> str:
 
 
 def check_name(name: str, field: str, longest: int = MAX_NAME) -> str:
-    """Return ``name``, or raise InvalidValue: names are parts of node addresses, so no ``/`` and nothing invisible."""
+    """Return ``name`` in normal form, or raise InvalidValue.
+
+    Names are parts of node addresses, so no ``/`` and nothing invisible.
+    """
     problem = _name_problem(name, longest)
     if problem:
         raise InvalidValue(field, name, problem)
-    return name
-
-
-def normal(name: str) -> str:
-    """Return a name in the normal form (NFC) in which names are kept: what looks the same is the same."""
-    return unicodedata.normalize("NFC", name)
-
-
-def same_user(name: str) -> str:
-    """Return what is equal for names of one user, however they are typed: NFC, without regard to case."""
-    return normal(normal(name).casefold())
+    return normal(name)
 
 
 def as_utc(moment: datetime) -> datetime:
@@ -72,11 +65,11 @@ def _name_problem(name: str, longest: int) -> str:
 
 
 def _valid_name(name: str) -> str:
-    return _or_refuse(name, _name_problem(name, MAX_NAME))
+    return normal(_or_refuse(name, _name_problem(name, MAX_NAME)))
 
 
 def _valid_recipe_id(name: str) -> str:
-    return _or_refuse(name, _name_problem(name, MAX_RECIPE_ID))
+    return normal(_or_refuse(name, _name_problem(name, MAX_RECIPE_ID)))
 
 
 def _valid_text(text: str) -> str:

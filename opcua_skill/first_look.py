@@ -4,6 +4,7 @@ import logging
 from collections.abc import Sequence
 from pathlib import Path
 
+from library.names import doubles
 from library.private_files import loose
 from opcua_skill.data_lock import LOCK_FILE, Holder, database_file
 from opcua_skill.security import StoredUser
@@ -38,6 +39,13 @@ def check_users(users: Sequence[StoredUser]) -> None:
                 f"the user {user.name!r} has the role {user.role!r}, which is none of {known}: opcua-skill users role"
                 f" {user.name} ROLE, or restore the library from a backup"
             )
+
+
+def tell_doubles(users: Sequence[StoredUser]) -> None:
+    """Say in the log which users differ in case or form of their names alone: made before names were compared so."""
+    for group in doubles(user.name for user in users):
+        names = ", ".join(repr(name) for name in group)
+        log.warning("users %s differ in case or accents' form alone: each signs in as written, remove one", names)
 
 
 def tell_loose(settings: Settings, *more: Path) -> None:

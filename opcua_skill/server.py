@@ -18,7 +18,7 @@ from opcua_skill.arm_lock import ArmLock, LockedByAnother
 from opcua_skill.arm_queue import QueueStatus
 from opcua_skill.auditing import AuditWriter
 from opcua_skill.data_lock import DataLock, database_file
-from opcua_skill.first_look import check_library_is_there, check_users, tell_loose
+from opcua_skill.first_look import check_library_is_there, check_users, tell_doubles, tell_loose
 from opcua_skill.health import Fault, FaultKind, Health
 from opcua_skill.jobs import ArmFactory, JobEngine, Station, ready_to_move
 from opcua_skill.jobs.station import model_of
@@ -142,7 +142,9 @@ class SkillServerApp:
             undo.callback(port.close)
             self.library = await SkillLibrary.open(settings.database_address)
             undo.push_async_callback(self.library.close)
-            check_users(await self.library.users())
+            users = await self.library.users()
+            check_users(users)
+            tell_doubles(users)
             self._authenticator = Authenticator(self.library)
             undo.callback(self._authenticator.close)
             self._health = Health(self.library, writable=self.library.check_writable, folder=settings.data)

@@ -9,8 +9,8 @@ from collections.abc import Iterable, Sequence
 import sqlalchemy as sql
 
 from library.description import SkillDescription
+from library.names import same_user
 from library.tables import decisions, users, version_recordings, versions
-from library.values import same_user
 
 ONE, TWO = 1, 2
 

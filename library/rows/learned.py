@@ -50,7 +50,7 @@ def prepare(
     brought_by: Sequence[str] = (),
 ) -> PreparedVersion:
     """Return what is to be stored of a learned motion. No database here: packing megabytes belongs in a thread."""
-    check_name(name, "name")
+    name = check_name(name, "name")
     ids = [demonstration.demonstration_id for demonstration in demonstrations]
     twice = next((one for one in ids if ids.count(one) > 1), None)
     if twice is not None:

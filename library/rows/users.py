@@ -5,6 +5,7 @@ from typing import Any
 import sqlalchemy as sql
 
 from library.errors import AlreadyExists, NotFound
+from library.names import named
 from library.records import User
 from library.tables import users
 from library.values import now
@@ -12,8 +13,8 @@ from library.values import now
 
 def add(connection: sql.Connection, name: str, role: str, password_hash: str, certificate: bytes, actor: str) -> User:
     """Store a new user."""
-    if connection.scalar(sql.select(users.c.name).where(users.c.name == name)) is not None:
-        raise AlreadyExists("user", name, "remove that one first or choose another name")
+    if (same := named([one.name for one in everyone(connection)], name)) is not None:
+        raise AlreadyExists("user", same, "remove that one first or choose another name")
     user = User(name, role, password_hash, certificate, now(), actor)
     connection.execute(
         users.insert().values(
@@ -34,28 +35,28 @@ def everyone(connection: sql.Connection) -> list[User]:
 
 
 def read(connection: sql.Connection, name: str) -> User:
-    """Return a user."""
-    row = connection.execute(sql.select(users).where(users.c.name == name)).one_or_none()
-    if row is None:
+    """Return a user, however the name is typed; of two who differ in that alone, the one written exactly so."""
+    found = named([one.name for one in everyone(connection)], name)
+    if found is None:
         raise NotFound("user", name)
-    return _user(row)
+    return _user(connection.execute(sql.select(users).where(users.c.name == found)).one())
 
 
 def set_password_hash(connection: sql.Connection, name: str, password_hash: str) -> None:
     """Give a user another password."""
-    read(connection, name)
+    name = read(connection, name).name
     connection.execute(users.update().where(users.c.name == name).values(password_hash=password_hash))
 
 
 def set_role(connection: sql.Connection, name: str, role: str) -> None:
     """Give a user another role."""
-    read(connection, name)
+    name = read(connection, name).name
     connection.execute(users.update().where(users.c.name == name).values(role=role))
 
 
 def remove(connection: sql.Connection, name: str) -> None:
     """Remove a user; what the user did stays in the records."""
-    read(connection, name)
+    name = read(connection, name).name
     connection.execute(users.delete().where(users.c.name == name))
 
 

@@ -9,10 +9,11 @@ import sqlalchemy as sql
 from library.description import Decision, SkillDescription
 from library.errors import DigestDiffers, InUse, NotAllowedInState, NotFound, OwnVersion
 from library.lifecycle import VersionState, check_version_move
+from library.names import same_user
 from library.rows import contributors
 from library.rows.encoding import stored, to_text
 from library.tables import aligned, decisions, deployments, skills, versions
-from library.values import now, same_user
+from library.values import now
 
 
 def newest(connection: sql.Connection, name: str) -> int:

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
 
+from library.names import doubles, same_user
 from opcua_skill.commands.configuration import Config, Data, load_settings
 from opcua_skill.commands.connection import Json
 from opcua_skill.commands.faults import Fault
-from opcua_skill.commands.output import print_json, say, screen, table, when
+from opcua_skill.commands.output import note, print_json, say, screen, table, when
 from opcua_skill.security import hash_password, load_certificate
 from opcua_skill.settings import Settings
 from opcua_skill.stack.access import Role
@@ -106,10 +107,11 @@ def import_users(
     settings = load_settings(config, data=data)
 
     async def work(library: "SkillLibrary") -> None:
-        there = {user.name for user in await library.users()}
+        there = {same_user(user.name): user.name for user in await library.users()}
         for name, _, _ in added:
-            if name in there:
-                raise Fault(f"there is a user {name} already: nobody was added")
+            if (key := same_user(name)) in there:
+                raise Fault(f"there is a user {there[key]} already: nobody was added")
+            there[key] = name
         for name, role, secret in added:
             await library.add_user(name, role.value, secret, actor="command line")
 
@@ -181,6 +183,8 @@ def list_users(data: Data = None, config: Config = None, as_json: Json = False) 
         print_json(rows)
         return
     columns = ("name", "role", "signs in with", "since")
+    for group in doubles(user.name for user in found):
+        note(f"{', '.join(group)} differ in case or form of accents alone: remove one of them")
     screen.print(table("", columns, [(*list(row.values())[:3], when(row["created_at"])) for row in rows]))
 
 

@@ -70,7 +70,7 @@ class LibraryMethods:
 
         ``brought_by`` are those who recorded them, where that is not the caller.
         """
-        check_name(skill_name, "skill_name")
+        skill_name = check_name(skill_name, "skill_name")
         check_text(semantic_type, "semantic_type", 256)
         if not semantic_type:
             raise InvalidValue("semantic_type", semantic_type, "say what kind of skill this is, such as Gluing")

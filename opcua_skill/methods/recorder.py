@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 
 from library.errors import NotAllowedInState, NotFound
-from library.values import check_text, same_user
+from library.names import same_user
+from library.values import check_text
 from models.demonstration import Demonstration
 from opcua_skill.methods.library import LibraryMethods
 from opcua_skill.methods.refusals import Code, out_of_range, refusing

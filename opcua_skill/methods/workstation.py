@@ -6,6 +6,7 @@ from typing import Any
 
 from library.description import JobReport, JobState
 from library.errors import NotFound
+from library.names import normal
 from library.store import SkillLibrary
 from library.values import check_text
 from opcua_skill.arm_lock import ArmLock
@@ -47,9 +48,9 @@ class WorkstationMethods:
             self.lock.check(who.session_id)
         await self.library.description(skill_name)
         chosen = await self.library.recipe(recipe_id or await self.library.default_recipe_id(skill_name))
-        if chosen.skill_name != skill_name:
+        if chosen.skill_name != normal(skill_name):
             raise NotFound("recipe", f"{recipe_id} of {skill_name}")
-        report = await self.jobs.execute(self.station.name, skill_name, chosen, word, who.name)  # type: ignore[arg-type]
+        report = await self.jobs.execute(self.station.name, chosen.skill_name, chosen, word, who.name)  # type: ignore[arg-type]
         return (report.job_id, report.state.value)
 
     @property

@@ -16,6 +16,7 @@ from argon2 import PasswordHasher
 from argon2.exceptions import Argon2Error, InvalidHashError
 from cryptography import x509
 
+from library.names import named, same_user
 from opcua_skill.stack.access import Identity, Peer, Role
 
 log = logging.getLogger(__name__)
@@ -86,11 +87,13 @@ class Authenticator:
 
     async def by_password(self, name: str, password: str, peer: Peer) -> Identity | None:
         """Return the user, or None for a wrong name or password, or while the name is locked for this peer."""
-        key = (name, peer.certificate or peer.address.encode())
+        key = (same_user(name), peer.certificate or peer.address.encode())
         if self._locked(key):
             log.warning("sign-in of %r from %s refused: locked after %d failures", name, peer, self._lock_out.failures)
             return None
-        user = next((user for user in await self._store.users() if user.name == name), None)
+        users = {user.name: user for user in await self._store.users()}
+        meant = named(users, name)
+        user = users[meant] if meant is not None else None
         known = user.password_hash if user is not None and user.password_hash else _NOBODY
         loop = asyncio.get_running_loop()
         good = await loop.run_in_executor(self._threads, _verify, known, password)

@@ -15,8 +15,8 @@ from library.description import SkillDescription
 from library.errors import OwnVersion
 from library.lifecycle import VersionState
 from library.migrations import migrate
+from library.names import normal, same_user
 from library.store import SkillLibrary
-from library.values import normal, same_user
 
 Teach = Callable[..., Awaitable[SkillDescription]]
 
@@ -157,3 +157,12 @@ def test_a_name_is_the_same_in_every_form_and_case(name: str) -> None:
     assert same_user(same_user(name)) == same_user(name)
     for form in ("NFC", "NFD"):
         assert same_user(unicodedata.normalize(form, name)) == same_user(name)
+
+
+async def test_a_skill_is_the_same_in_every_form_of_its_name(library: SkillLibrary, teach: Teach) -> None:
+    composed, apart = "K\u00fchler", "Ku\u0308hler"
+    await teach(library, name=apart)
+    again = await teach(library, name=composed)
+    assert (again.name, again.version) == (composed, 2)
+    assert (await library.description(apart)).version == 2
+    assert (await library.recipe(await library.default_recipe_id(apart))).skill_name == composed
