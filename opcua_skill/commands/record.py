@@ -53,6 +53,9 @@ def record(
         int | None, typer.Option("--udp", metavar="PORT", min=0, max=65535, help="port to listen on; 0: a free one")
     ] = None,
     bind: Annotated[str, typer.Option("--bind", metavar="ADDRESS", help="address to listen on")] = LOOPBACK,
+    sender: Annotated[
+        str, typer.Option("--sender", metavar="ADDRESS", help="address of the tracker: nobody else is listened to")
+    ] = "",
     operator: Annotated[str, typer.Option("--operator", help="who demonstrates; empty: who signs in")] = "",
     speed: Annotated[float, typer.Option("--speed", min=0.0, help="of a replay; 0: as fast as it goes")] = 1.0,
     silence: Annotated[
@@ -100,7 +103,7 @@ def record(
                 source = ReplaySource(shown, ", ".join(file.name for file in files or ())[:200], speed)
                 ended = await passed_on(recorder, source, operator, stop)
             else:
-                listening = UdpSource(silence=silence, wait=wait)
+                listening = UdpSource(silence=silence, wait=wait, only=sender)
                 address, port = await listening.open(bind, udp)
                 tell_address(address, port)
                 try:

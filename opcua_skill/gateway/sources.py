@@ -3,18 +3,21 @@
 import asyncio
 import socket
 import time
+from collections import Counter
 from collections.abc import Sequence
 from typing import Any, Protocol
 
 import numpy as np
 
 from models.demonstration import Demonstration
-from opcua_skill.gateway.lines import BATCH_SAMPLES, FORMAT, Intake, Losses
+from opcua_skill.gateway.lines import BATCH_SAMPLES, FORMAT, Intake, Losses, parse
 from opcua_skill.recording import Samples
 
 BATCH_SECONDS = 0.1
 BETWEEN_FILES = 0.5
 RECEIVE_BUFFER = 4 * 1024 * 1024
+SETTLED = 0.3
+MOST_EARLY = 20_000
 STOPPED = "stopped"
 
 
@@ -43,9 +46,13 @@ class Source(Protocol):
 
 
 class UdpSource(asyncio.DatagramProtocol):
-    """Lines of text that come by UDP. ``silence`` s without a sample end the recording, ``wait`` s before the first."""
+    """Lines of text that come by UDP. ``silence`` s without a sample end the recording, ``wait`` s before the first.
 
-    def __init__(self, *, silence: float = 5.0, wait: float = 60.0) -> None:
+    One sender is listened to: the one at the address ``only``, or if none is named the one that sends most that can be
+    read in the first SETTLED s. Who happens to come first does not shut the tracker out.
+    """
+
+    def __init__(self, *, silence: float = 5.0, wait: float = 60.0, only: str = "") -> None:
         self.name = ""
         self.ended = ""
         self._intake = Intake()
@@ -53,6 +60,10 @@ class UdpSource(asyncio.DatagramProtocol):
         self._news = asyncio.Event()
         self._transport: asyncio.DatagramTransport | None = None
         self._last_batch = 0.0
+        self._only = only
+        self._early: list[tuple[bytes, tuple[Any, ...], float]] | None = []
+        self._other = ""
+        self._heard = False
 
     @property
     def losses(self) -> Losses:
@@ -81,26 +92,41 @@ class UdpSource(asyncio.DatagramProtocol):
 
     def datagram_received(self, data: bytes, addr: tuple[str | Any, int]) -> None:
         """Take a datagram from the loop."""
-        self._intake.feed(data, addr, time.monotonic())
+        sender, arrived = addr[:2], time.monotonic()
+        if self._only and sender[0] != self._only:
+            self._intake.losses.foreign += 1
+            self._other = f"{sender[0]}:{sender[1]}"
+        elif self._early is None:
+            before = self._intake.losses.foreign
+            self._intake.feed(data, sender, arrived)
+            if self._intake.losses.foreign > before:
+                self._other = f"{sender[0]}:{sender[1]}"
+        elif len(self._early) < MOST_EARLY:
+            self._early.append((data, sender, arrived))
+            self._heard = self._heard or _readable(data) > 0
         self._news.set()
 
     async def begin(self) -> int:
         """Wait for the first sample that can be read."""
         try:
             async with asyncio.timeout(self._wait):
-                while self._intake.shape is None:
+                while not self._heard and self._intake.shape is None:
                     self._news.clear()
                     await self._news.wait()
+            await asyncio.sleep(SETTLED)
         except TimeoutError:
+            pass
+        self._choose()
+        if self._intake.shape is None:
             losses = self.losses
             if losses.garbled:
                 raise SourceFault(
                     f"{losses.garbled} lines came to {self.name} and none could be read, the last"
                     f" {losses.last_garbled}; a line is {FORMAT}"
-                ) from None
+                )
             raise SourceFault(
-                f"nothing came to {self.name} within {self._wait:g} s: does the tracker send there?"
-            ) from None
+                f"nothing came to {self.name} within {self._wait:g} s{self._elsewhere}: does the tracker send there?"
+            )
         return self._intake.shape[0]
 
     async def next(self, stop: asyncio.Event) -> Samples | None:
@@ -117,6 +143,23 @@ class UdpSource(asyncio.DatagramProtocol):
                 await _either(stop, max(due, 0.05))
         return self._intake.take(all_of_it=True)
 
+    def _choose(self) -> None:
+        """Listen to the sender that has sent most that can be read; what the others have sent is counted."""
+        early, self._early = self._early or [], None
+        lines: Counter[tuple[Any, ...]] = Counter()
+        for data, sender, _ in early:
+            lines[sender] += _readable(data)
+        chosen = max(lines, key=lambda one: lines[one], default=None)
+        for data, sender, arrived in sorted(early, key=lambda one: one[1] != chosen):
+            self._intake.feed(data, sender, arrived)
+            if sender != chosen:
+                self._other = f"{sender[0]}:{sender[1]}"
+
+    @property
+    def _elsewhere(self) -> str:
+        """Who sent and was not listened to, as part of a sentence."""
+        return f" ({self._other} sent and was not listened to: --sender says to whom)" if self._other else ""
+
     @property
     def _quiet(self) -> float:
         """How long in s no sample has been taken."""
@@ -129,7 +172,7 @@ class UdpSource(asyncio.DatagramProtocol):
             return f"{self._intake.fault}: start the recording again after the tracker"
         if self._quiet < self._silence:
             return ""
-        nothing = f"no sample came for {self._silence:g} s"
+        nothing = f"no sample came for {self._silence:g} s{self._elsewhere}"
         if self._intake.last_refused_at < (self._intake.last_taken_at or 0.0):
             return nothing
         return f"{nothing} that could be taken: {self.losses.words()}; {self.losses.last_garbled}"
@@ -188,6 +231,18 @@ class ReplaySource:
                 )
             await _either(stop, max(BATCH_SECONDS, float((times[self._sent] - now) / self._speed)))
         return None
+
+
+def _readable(data: bytes) -> int:
+    """Return how many lines of a datagram are samples."""
+    count = 0
+    for line in data.decode("ascii", errors="replace").splitlines():
+        try:
+            parse(line)
+        except ValueError:
+            continue
+        count += 1
+    return count
 
 
 async def _either(stop: asyncio.Event, seconds: float) -> None:

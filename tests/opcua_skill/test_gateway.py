@@ -207,6 +207,34 @@ async def test_a_source_that_says_nothing_or_nonsense_is_told_so() -> None:
     source.close()
 
 
+async def test_who_sends_first_does_not_shut_the_tracker_out() -> None:
+    source = UdpSource(wait=20.0)
+    await source.open("127.0.0.1", 0)
+    source.datagram_received(sent(0).encode(), STRANGER)
+    for number in range(1, 40):
+        source.datagram_received(sent(number).encode(), TRACKER)
+    assert await source.begin() == 2
+    source.datagram_received(sent(41).encode(), STRANGER)
+    found = await source.next(asyncio.Event())
+    assert found is not None
+    assert found.times[0] == pytest.approx(truth(1)[0])
+    assert source.losses.foreign == 2
+    source.close()
+
+
+async def test_a_tracker_that_is_named_is_the_only_one_listened_to() -> None:
+    source = UdpSource(wait=0.2, only=str(TRACKER[0]))
+    await source.open("127.0.0.1", 0)
+    for number in range(40):
+        source.datagram_received(sent(number).encode(), ("10.9.9.9", 1))
+    with pytest.raises(SourceFault, match=r"10\.9\.9\.9:1 sent and was not listened to: --sender"):
+        await source.begin()
+    source.datagram_received(sent(1).encode(), TRACKER)
+    await source.begin()
+    assert source.losses.foreign == 40
+    source.close()
+
+
 def stroke(name: str, count: int = 40, **changes: Any) -> Demonstration:
     times = np.arange(count) / RATE
     given_: dict[str, Any] = {
