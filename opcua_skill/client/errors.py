@@ -31,7 +31,16 @@ class Unreachable(ClientError):
 
 
 class NotSignedIn(ClientError):
-    """The server does not know the user, the password or this client's certificate."""
+    """The server does not know the user, the password or this client's certificate; ``status`` is its code's name."""
+
+    def __init__(self, sentence: str, status: str = "") -> None:
+        super().__init__(sentence)
+        self.status = status
+
+    @property
+    def wrong_user(self) -> bool:
+        """Whether it is user name or password that the server does not take."""
+        return self.status in {"BadUserAccessDenied", "BadIdentityTokenRejected"}
 
 
 class ServerChanged(ClientError):

@@ -108,9 +108,9 @@ class Session:
                 await self._secure_channel()
             await self._client.connect()
         except ua.uaerrors.BadTooManySessions as error:
-            raise NotSignedIn(f"{self.url}: {SIGN_IN_REFUSALS[error.code]}") from error
+            raise NotSignedIn(f"{self.url}: {SIGN_IN_REFUSALS[error.code]}", status_name(error.code)) from error
         except ua.UaStatusCodeError as error:
-            raise NotSignedIn(await self._why_not(error.code)) from error
+            raise NotSignedIn(await self._why_not(error.code), status_name(error.code)) from error
         except (OSError, TimeoutError, ua.UaError) as error:
             raise Unreachable(f"no OPC UA server answers at {self.url}: is it running? ({describe(error)})") from error
         try:
@@ -157,7 +157,10 @@ class Session:
         self._client.uaclient.set_security(policy)
 
     async def _certificate(self) -> ApplicationCertificate:
-        return await asyncio.to_thread(ensure_client_certificate, self._folder, APPLICATION_URI)
+        try:
+            return await asyncio.to_thread(ensure_client_certificate, self._folder, APPLICATION_URI)
+        except ValueError as unusable:
+            raise ClientError(str(unusable)) from unusable
 
     async def _why_not(self, code: int) -> str:
         why = SIGN_IN_REFUSALS.get(code, meaning(code))

@@ -11,6 +11,7 @@ from opcua_skill.commands.faults import Fault
 from opcua_skill.commands.output import note, print_json, say, screen, table, when
 from opcua_skill.security import ListedCertificate, TrustList
 from opcua_skill.security.chains import CertificateFault
+from opcua_skill.security.trust import certificate_in
 from opcua_skill.settings import Settings
 
 app = typer.Typer(no_args_is_help=True, help="Certificates, on the data folder of a server.")
@@ -82,9 +83,10 @@ def trust(
 ) -> None:
     """Let a client's certificate in, from now on and without a restart; say for what it will still be refused."""
     settings = load_settings(config, data=data)
-    listed = trust_list(settings, make=True)
     try:
-        found = listed.trust(Path(file)) if Path(file).is_file() else listed.trust_rejected(file)
+        given = certificate_in(Path(file)) if Path(file).is_file() else None
+        listed = trust_list(settings, make=True)
+        found = listed.trust_certificate(given) if given is not None else listed.trust_rejected(file)
     except ValueError as error:
         raise Fault(f"{error} (argument FILE)") from None
     if as_json:

@@ -81,11 +81,7 @@ class TrustList:
 
     def trust(self, file: Path) -> ListedCertificate:
         """Let the certificate in a DER or PEM file in from now on; raises ValueError if the file is no certificate."""
-        try:
-            certificate = load_certificate(file.read_bytes())
-        except ValueError:
-            raise ValueError(f"{file} is not a certificate in DER or PEM form") from None
-        return self.trust_certificate(certificate)
+        return self.trust_certificate(certificate_in(file))
 
     def trust_certificate(self, certificate: x509.Certificate) -> ListedCertificate:
         """Let this certificate in from now on."""
@@ -140,6 +136,14 @@ class TrustList:
             valid_until=certificate.not_valid_after_utc.astimezone(UTC),
             refused_for=tuple(remaining_faults(certificate, self._known(), datetime.now(UTC))) if trusted else (),
         )
+
+
+def certificate_in(file: Path) -> x509.Certificate:
+    """Return the certificate in a DER or PEM file; raises ValueError if it is none."""
+    try:
+        return load_certificate(file.read_bytes())
+    except ValueError:
+        raise ValueError(f"{file} is not a certificate in DER or PEM form") from None
 
 
 def application_uri(certificate: x509.Certificate) -> str:
