@@ -5,16 +5,20 @@ import logging
 import os
 import secrets
 import tempfile
+import uuid
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 from fastapi import Request, Response
 from fastapi.responses import RedirectResponse
 from nicegui import app, ui
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 
+from opcua_skill.panel.door import Door, browser_mark, version_number, way, within
 from opcua_skill.panel.frame import STATIC, framed
 from opcua_skill.panel.pages.audit import audit_page
 from opcua_skill.panel.pages.library import library_page
@@ -24,8 +28,13 @@ from opcua_skill.panel.pages.run import run_page
 from opcua_skill.panel.pages.sign_in import sign_in_page
 from opcua_skill.panel.pages.skill import skill_page
 from opcua_skill.panel.pages.teach import teach_page
-from opcua_skill.panel.sessions import Sessions
+from opcua_skill.panel.sessions import LONGEST, Sessions
 
+log = logging.getLogger(__name__)
+
+SHOWN_WITHIN = 30.0
+# NiceGUI gives a page up after three seconds, with an error: a busy server may take longer.
+page_at = partial(ui.page, response_timeout=SHOWN_WITHIN + 10.0)
 LOOPBACK = ("127.0.0.1", "localhost", "[::1]", "::1")
 
 
@@ -61,65 +70,82 @@ def build(sessions: Sessions) -> None:
     def signed_in(show: Callable[..., Awaitable[None]], here: str) -> Callable[..., Awaitable[Response | None]]:
         async def page(request: Request, **given: Any) -> Response | None:
             browser = request.session["id"]
-            session = sessions.of(browser)
+            session = sessions.of(browser, browser_mark(request))
             if session is None:
-                return RedirectResponse(f"/sign-in?to={request.url.path}")
+                return RedirectResponse(f"/sign-in?to={way(request)}")
             sessions.page_opened(browser)
             ui.context.client.on_delete(lambda: sessions.page_closed(browser))
-            frame = framed(session, here)
-            await show(frame, **given)
+            frame = framed(session, here, way(request))
+            try:
+                async with asyncio.timeout(SHOWN_WITHIN):
+                    await show(frame, **given)
+            except TimeoutError:
+                log.warning("%s took longer than %g s", request.url.path[:200], SHOWN_WITHIN)
+                ui.label(frame.words("The server takes long to answer: open the page again.")).classes("check-bad")
+            except Exception:
+                log.exception("%s could not be shown", request.url.path[:200])
+                ui.label(frame.words("This page could not be shown; the panel's log says why.")).classes("check-bad")
             return None
 
         return page
 
-    @ui.page("/sign-in")
+    @page_at("/sign-in")
     def sign_in(request: Request, to: str = "/") -> None:
         sign_in_page(sessions, request.session["id"], to, request.headers.get("accept-language", ""))
 
-    @ui.page("/sign-out")
-    async def sign_out(request: Request) -> Response:
+    @app.get("/enter")
+    async def enter(request: Request, ticket: str = "", to: str = "/") -> Response:
+        fresh = await sessions.enter(ticket, request.session["id"], browser_mark(request))
+        if fresh is None:
+            return RedirectResponse(f"/sign-in?to={quote(within(to), safe='')}")
+        request.session["id"] = fresh
+        return RedirectResponse(within(to))
+
+    @page_at("/sign-out")
+    async def sign_out(request: Request, to: str = "/") -> Response:
         await sessions.sign_out(request.session["id"])
-        return RedirectResponse("/sign-in")
+        request.session["id"] = str(uuid.uuid4())
+        return RedirectResponse(f"/sign-in?to={quote(within(to), safe='')}")
 
     library = signed_in(library_page, "Library")
 
-    @ui.page("/")
+    @page_at("/")
     async def _library(request: Request) -> Response | None:
         return await library(request)
 
     skill = signed_in(skill_page, "Library")
 
-    @ui.page("/skill/{name}")
+    @page_at("/skill/{name}")
     async def _skill(request: Request, name: str, version: str = "0") -> Response | None:
-        return await skill(request, name=name, version=version)
+        return await skill(request, name=name, version=version_number(version))
 
     teach = signed_in(teach_page, "Teach")
 
-    @ui.page("/teach")
+    @page_at("/teach")
     async def _teach(request: Request) -> Response | None:
         return await teach(request)
 
     running = signed_in(run_page, "Run")
 
-    @ui.page("/run")
+    @page_at("/run")
     async def _run(request: Request, skill: str = "", version: str = "0") -> Response | None:
-        return await running(request, skill=skill, version=version)
+        return await running(request, skill=skill, version=version_number(version))
 
     recipes = signed_in(recipes_page, "Run")
 
-    @ui.page("/recipes")
+    @page_at("/recipes")
     async def _recipes(request: Request, skill: str = "") -> Response | None:
         return await recipes(request, skill=skill)
 
     records = signed_in(records_page, "Records")
 
-    @ui.page("/records")
+    @page_at("/records")
     async def _records(request: Request) -> Response | None:
         return await records(request)
 
     trail = signed_in(audit_page, "Records")
 
-    @ui.page("/audit")
+    @page_at("/audit")
     async def _audit(request: Request) -> Response | None:
         return await trail(request)
 
@@ -161,6 +187,7 @@ def run(server: str, address: Address, *, folder: Path | None = None, on_ready: 
     sessions = Sessions(server, folder)
     build(sessions)
     app.add_middleware(TrustedHostMiddleware, allowed_hosts=address.names)
+    app.add_middleware(Door)
     waiting: list[asyncio.Task[None]] = []
     app.on_startup(lambda: waiting.append(asyncio.create_task(_once_it_listens(address, on_ready))))
     with tempfile.TemporaryDirectory(prefix="opcua-skill-panel-") as nothing_kept:
@@ -178,7 +205,11 @@ def run(server: str, address: Address, *, folder: Path | None = None, on_ready: 
             reload=False,
             show_welcome_message=False,
             storage_secret=secrets.token_urlsafe(32),
-            session_middleware_kwargs={"same_site": "strict", "https_only": bool(address.certificate)},
+            session_middleware_kwargs={
+                "same_site": "strict",
+                "https_only": bool(address.certificate),
+                "max_age": int(LONGEST),
+            },
             reconnect_timeout=10.0,
             **tls,
         )

@@ -26,6 +26,7 @@ PAGES = (("Library", "/"), ("Teach", "/teach"), ("Run", "/run"), ("Records", "/r
 BACK_SHOWN = 20.0
 PRESSED = "(event) => { event.currentTarget.pressed = true; emit(); }"
 CLICKED = "(event) => { if (!event.currentTarget.pressed) emit(); event.currentTarget.pressed = false; }"
+LEAVE = "() => location.assign('/sign-out?to=' + encodeURIComponent(location.pathname + location.search))"
 LANGUAGE_NAMES = {"en": "English", "de": "Deutsch"}
 MODE_WORDS = {
     "closed": "not in contact",
@@ -45,7 +46,9 @@ class Frame:
     session: PanelSession
     words: Words
     client: Client = field(default_factory=lambda: ui.context.client)
+    way: str = ""
     refreshers: list[Callable[[], None]] = field(default_factory=list)
+    left: bool = False
 
     def on_refresh(self, do: Callable[[], None]) -> None:
         """Have ``do`` called four times a second; it must only show what the session already knows."""
@@ -105,10 +108,10 @@ def may_move(station: Station) -> bool:
     return station.arm is None or not station.arm.at_rest or bool(station.active)
 
 
-def framed(session: PanelSession, here: str) -> Frame:
-    """Build header, banners and keyboard of a page; the page goes on below."""
+def framed(session: PanelSession, here: str, way: str = "") -> Frame:
+    """Build header, banners and keyboard of a page; it goes on below. ``way`` leads to it, quoted."""
     words = Words(session.language)
-    frame = Frame(session, words)
+    frame = Frame(session, words, way=way)
     ui.add_css(STATIC / "panel.css")
     ui.colors(primary="#1f5fa8", secondary="#5b6b7b", accent="#1f5fa8", positive="#2e7d32", negative="#c62828")
     ui.query("html").props(f"lang={session.language}")
@@ -122,6 +125,7 @@ def framed(session: PanelSession, here: str) -> Frame:
         ui.space()
         _station_and_connection(frame)
         _person(frame)
+        _next_person(frame)
         stop = ui.button().classes("stop-motion").props("unelevated no-caps color=negative icon=front_hand")
         stop.props('data-mark="stop"').bind_text_from(
             session, "station_name", lambda name: f"{words('Stop motion')} {name}"
@@ -136,6 +140,11 @@ def framed(session: PanelSession, here: str) -> Frame:
 
 
 def _refresh(frame: Frame) -> None:
+    if frame.session.ended:
+        if not frame.left:
+            frame.left = True
+            ui.navigate.to(f"/sign-in?to={frame.way}")
+        return
     for do in frame.refreshers:
         do()
 
@@ -180,6 +189,14 @@ def _person(frame: Frame) -> None:
             sign = "● " if language == session.language else "○ "
             ui.menu_item(sign + name, on_click=lambda _, one=language: speak(one))
         ui.menu_item(words("Sign out"), on_click=lambda: ui.navigate.to("/sign-out"))
+
+
+def _next_person(frame: Frame) -> None:
+    """One press, and the next person signs in and comes back to this page: nobody works under a name not theirs."""
+    title = frame.words("Next person signs in here")
+    ui.button().props(f'flat icon=switch_account data-mark="next-person" aria-label="{title}"').classes(
+        "panel-next"
+    ).on("click", js_handler=LEAVE).tooltip(title)
 
 
 def _banners(frame: Frame) -> None:

@@ -9,6 +9,13 @@ GERMAN: dict[str, str] = {
     "Workstation": "Arbeitsplatz",
     "Sign in": "Anmelden",
     "Sign out": "Abmelden",
+    "Next person signs in here": "Nächste Person meldet sich hier an",
+    "The server takes long to answer: open the page again.": (
+        "Der Server braucht lange für die Antwort: die Seite noch einmal öffnen."
+    ),
+    "This page could not be shown; the panel's log says why.": (
+        "Diese Seite konnte nicht gezeigt werden; das Log des Panels sagt, warum."
+    ),
     "Signing in …": "Anmeldung läuft …",
     "User": "Benutzer",
     "Password": "Passwort",

@@ -15,7 +15,16 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 
-from opcua_skill.client import ArmReading, ClientError, Event, JobReport, LockReading, SkillClient, Unreachable
+from opcua_skill.client import (
+    ArmReading,
+    ClientError,
+    Event,
+    JobReport,
+    LockReading,
+    NotSignedIn,
+    SkillClient,
+    Unreachable,
+)
 
 log = logging.getLogger(__name__)
 
@@ -84,7 +93,10 @@ class StopOutcome:
 
 @dataclass
 class PanelSession:
-    """Somebody signed in at a browser. ``connected`` says whether what is shown is true now."""
+    """Somebody signed in at a browser. ``connected`` says whether what is shown is true now.
+
+    ``ended`` says why this is over: signed out, or the server does not let this person in any more.
+    """
 
     url: str
     user: str
@@ -92,6 +104,7 @@ class PanelSession:
     folder: Path | None = None
     connected: bool = False
     why_not: str = ""
+    ended: str = ""
     language: str = "en"
     station_name: str = ""
     stations: dict[str, Station] = field(default_factory=dict)
@@ -118,6 +131,7 @@ class PanelSession:
 
     async def close(self) -> None:
         """Sign out: both connections end, and with them a lock on an arm."""
+        self.ended = self.ended or "signed out"
         if self._watching is not None:
             self._watching.cancel()
             await asyncio.gather(self._watching, return_exceptions=True)
@@ -226,6 +240,10 @@ class PanelSession:
                     self.times_recovered += 1
                 except ClientError as error:
                     self.why_not = str(error)
+                    if isinstance(error, NotSignedIn) and error.wrong_user:
+                        self.ended = str(error)
+                        self.password = ""
+                        return
                 except Exception as error:
                     log.exception("connecting for %s failed", self.user)
                     self.why_not = f"fault in the panel: {error!r}"
@@ -257,6 +275,7 @@ class PanelSession:
         jobs_too = time.monotonic() >= self._jobs_due
         if jobs_too:
             self._jobs_due = time.monotonic() + JOBS_AT_LEAST_EVERY
+            await self._read_rights(list(self.stations))
         for name in list(self.stations):
             station = watch.workstation(name)
             arm = await station.arm()
@@ -275,7 +294,12 @@ class PanelSession:
     def has_lock(self, name: str) -> bool:
         """Whether this person has an arm for themselves, taken here."""
         lock = self.stations[name].lock if name in self.stations else None
-        return name in self.locked_here and lock is not None and lock.locked and lock.user == self.user
+        return (
+            name in self.locked_here
+            and lock is not None
+            and lock.locked
+            and lock.user.casefold() == self.user.casefold()
+        )
 
     async def take_lock(self, name: str) -> bool:
         """Have an arm for this person alone; return whether it is theirs now."""

@@ -1,9 +1,12 @@
 """Signing in: with the user name and password the OPC UA server knows."""
 
+from urllib.parse import quote
+
 from nicegui import ui
 from nicegui.events import GenericEventArguments
 
 from opcua_skill.client import ClientError
+from opcua_skill.panel.door import within
 from opcua_skill.panel.frame import STATIC
 from opcua_skill.panel.sessions import Sessions
 from opcua_skill.panel.words import LANGUAGES, Words, language_of
@@ -17,7 +20,7 @@ NO_EMERGENCY_STOP = (
 
 def sign_in_page(sessions: Sessions, browser: str, to: str, accepted: str) -> None:
     """Ask who is there; go on to ``to``, a path of this panel."""
-    target = to if to.startswith("/") and not to.startswith("//") else "/"
+    target = quote(within(to), safe="")
     ui.add_css(STATIC / "panel.css")
     ui.colors(primary="#1f5fa8", negative="#c62828")
 
@@ -49,12 +52,12 @@ def sign_in_page(sessions: Sessions, browser: str, to: str, accepted: str) -> No
                 wrong.text = words("Signing in …")
                 name, secret = event.args
                 try:
-                    await sessions.sign_in(browser, name, secret, language)
+                    ticket = await sessions.sign_in(browser, name, secret, language)
                 except ClientError as error:
                     wrong.text = f"✕ {words.said(error)}"
                     button.enable()
                     return
-                ui.navigate.to(target)
+                ui.navigate.to(f"/enter?ticket={ticket}&to={target}")
 
             button.on("click", enter, js_handler=WRITTEN)
             for field in (user, password):

@@ -31,6 +31,9 @@ LIBRARY = {
     "the connection to {url} broke while signing in": "die Verbindung zu {url} brach bei der Anmeldung ab",
     "no connection to {url}: {t}": "keine Verbindung zu {url}: {t}",
     "the server at {url} has ended the session of {user}": "der Server unter {url} hat die Sitzung von {user} beendet",
+    "too many wrong passwords at this browser: try again in {n} s": (
+        "zu viele falsche Passwörter an diesem Browser: in {n} s wieder versuchen"
+    ),
     "connecting": "wird aufgebaut",
     "{method} got no answer from {url}: {x}": "{method} bekam keine Antwort von {url}: {x}",
     "no answer within {n} s": "keine Antwort innerhalb von {n} s",

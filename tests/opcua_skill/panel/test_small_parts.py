@@ -120,15 +120,22 @@ async def test_a_session_ends_some_time_after_its_last_page(monkeypatch: pytest.
 
     monkeypatch.setattr(PanelSession, "open", opened)
     sessions = Sessions("opc.tcp://127.0.0.1:1", grace=0.01)
-    await sessions.sign_in("browser", "tina", "secret", "en")
-    sessions.page_opened("browser")
-    sessions.page_opened("browser")
-    sessions.page_closed("browser")
-    assert sessions.of("browser") is not None
-    sessions.page_closed("browser")
+    ticket = await sessions.sign_in("before", "tina", "secret", "en")
+    assert sessions.of("before", "mark") is None
+    assert await sessions.enter(ticket, "another browser", "mark") is None
+    browser = await sessions.enter(ticket, "before", "mark")
+    assert browser is not None
+    assert await sessions.enter(ticket, "before", "mark") is None
+    sessions.page_opened(browser)
+    sessions.page_opened(browser)
+    sessions.page_closed(browser)
+    assert sessions.of(browser, "mark") is not None
+    assert sessions.of(browser, "mark of another browser") is None
+    assert sessions.of("before", "mark") is None
+    sessions.page_closed(browser)
     async with asyncio.timeout(5):
         await closed.wait()
-    assert sessions.of("browser") is None
+    assert sessions.of(browser, "mark") is None
 
 
 def test_every_number_of_a_recipe_is_shown_with_unit_and_range() -> None:
