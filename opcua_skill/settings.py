@@ -155,7 +155,7 @@ class Settings(BaseSettings):
     application_uri: str = Field(
         default="urn:opcua-skill:server", description="application URI in the server's certificate"
     )
-    four_eyes: bool = Field(default=True, description="who taught a version cannot approve it")
+    four_eyes: bool = Field(default=True, description="who contributed to a version cannot approve it")
     log_level: Literal["debug", "info", "warning", "error"] = Field(default="info", description="how much is logged")
     trace_files: tuple[Literal["csv", "parquet"], ...] = Field(
         default=("csv", "parquet"), description="files written into the data folder's traces/ for every run"
