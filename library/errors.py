@@ -35,7 +35,7 @@ class InvalidValue(LibraryError):
     """A value that cannot be taken. ``field`` names it, ``value`` shows it, ``allowed`` says what can."""
 
     def __init__(self, field: str, value: object, allowed: str) -> None:
-        shown = ascii(value)
+        shown = ascii(value[:LONGEST_SHOWN] if isinstance(value, str | bytes) else value)
         shown = shown if len(shown) <= 80 else f"{shown[:77]}..."
         super().__init__(f"{field} is {shown}: {allowed}")
         self.field = field

@@ -49,10 +49,10 @@ def now() -> datetime:
 
 
 def _text_problem(text: str, longest: int) -> str:
-    if _UNSTORABLE.search(text):
-        return "text must not hold NUL characters or lone surrogates"
     if len(text) > longest:
         return f"at most {longest} characters are allowed, these are {len(text)}"
+    if _UNSTORABLE.search(text):
+        return "text must not hold NUL characters or lone surrogates"
     return ""
 
 

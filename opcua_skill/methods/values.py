@@ -310,8 +310,9 @@ def audit_value(value: Any) -> Any:
     if isinstance(value, bytes):
         return value.hex() if len(value) <= 64 else f"{len(value)} bytes"
     if isinstance(value, str):
-        shown = value.encode("utf-8", "backslashreplace").decode("utf-8").replace("\x00", "\\0")
-        return shown if len(shown) <= 500 else f"{len(shown)} characters"
+        if len(value) > 500:
+            return f"{len(value)} characters"
+        return value.encode("utf-8", "backslashreplace").decode("utf-8").replace("\x00", "\\0")
     if value is None or isinstance(value, bool | int):
         return value
     if isinstance(value, float):

@@ -21,7 +21,7 @@ class Limits:
     largest_message_before_sign_in: int = 128 * 1024
     largest_message: int = 16 * 1024 * 1024
     largest_answer: int = 16 * 1024 * 1024 - 64 * 1024
-    heavy_answer: int = 256 * 1024
+    heavy_answer: int = 48 * 1024
     all_unfinished_messages: int = 128 * 1024 * 1024
     queued_chunks: int = 32
     unread_answers: int = 4 * 1024 * 1024

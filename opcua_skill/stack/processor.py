@@ -30,6 +30,7 @@ log = logging.getLogger(__name__)
 
 CALLS_AT_ONCE = 8
 CHUNKS_AT_ONCE = 16
+REFERENCE_BYTES = 150
 LONG_CALL_SECONDS = 0.05
 HEAVY_SECONDS, LONGEST_PAUSE = 0.02, 0.25
 CLOSE = 0
@@ -169,8 +170,7 @@ class Processor(SessionServices):
 
     async def _send(self, handle: int, seqhdr: Any, response: Any) -> None:
         """Send an answer; a large one is put together beside the loop and goes out piece by piece, others after it."""
-        results = response.Results if isinstance(response, ua.CallResponse) else ()
-        heavy = sum(weight_of(output.Value) for one in results for output in one.OutputArguments or ())
+        heavy = _weight(response)
         if heavy < self.iserver.limits.heavy_answer or self._later is not None:
             self.send_response(handle, seqhdr, response)
             return
@@ -336,6 +336,17 @@ class Processor(SessionServices):
         else:
             session.processor = None
             await self.iserver.detached(session)
+
+
+def _weight(response: Any) -> int:
+    """Return roughly how many bytes an answer takes, where it can be many."""
+    if isinstance(response, ua.CallResponse):
+        return sum(weight_of(output.Value) for one in response.Results for output in one.OutputArguments or ())
+    if isinstance(response, ua.BrowseResponse):
+        return sum(REFERENCE_BYTES * len(one.References or ()) for one in response.Results)
+    if isinstance(response, ua.BrowseNextResponse):
+        return sum(REFERENCE_BYTES * len(one.References or ()) for one in response.Parameters.Results)
+    return 0
 
 
 _SPECIAL = {
