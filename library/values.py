@@ -57,6 +57,8 @@ def _text_problem(text: str, longest: int) -> str:
 
 
 def _name_problem(name: str, longest: int) -> str:
+    if len(name) > longest:
+        return _text_problem(name, longest)
     if not name or name != name.strip():
         return f"a name has 1 to {longest} characters and no space at either end"
     if _INVISIBLE.search(name) or "/" in name:

@@ -50,6 +50,35 @@ LIBRARY = {
     "the worker process died while it was {x}; a new one is started, try again": (
         "der Rechenprozess brach ab ({x}); ein neuer wird gestartet, noch einmal versuchen"
     ),
+    # what a call may cost, and a library that cannot be used
+    "a path of {n} s has {n2} samples at steps of {n3} s, {n4} are allowed: take steps of at least {n5} s": (
+        "ein Weg von {n} s hat {n2} Abtastwerte bei Schritten von {n3} s, {n4} sind erlaubt: Schritte von mindestens "
+        "{n5} s nehmen"
+    ),
+    "the answer would have {n} bytes, {n2} are allowed: ask for less at once": (
+        "die Antwort hätte {n} Bytes, {n2} sind erlaubt: weniger auf einmal abfragen"
+    ),
+    "the document has {n} characters, {n2} are allowed": "das Dokument hat {n} Zeichen, {n2} sind erlaubt",
+    "another program holds the library's database locked: nothing was stored, try again when it has let go": (
+        "ein anderes Programm sperrt die Datenbank der Bibliothek: nichts wurde gespeichert, noch einmal versuchen, "
+        "wenn es sie freigegeben hat"
+    ),
+    "the library's disk is full: nothing was stored, free space on it and try again": (
+        "der Datenträger der Bibliothek ist voll: nichts wurde gespeichert, Platz schaffen und noch einmal versuchen"
+    ),
+    "duration is {n} s: it has to be at most {n2} s": "die Dauer ist {n} s: höchstens {n2} s sind erlaubt",
+    "timeStep is {n} s: that makes {n2} samples, {n3} are allowed": (
+        "der Zeitschritt ist {n} s: das gibt {n2} Abtastwerte, {n3} sind erlaubt"
+    ),
+    "its path has {x} that are not finite numbers: means and covariances do not fit together": (
+        "sein Weg hat Werte, die keine endlichen Zahlen sind ({x}): Mittelwerte und Kovarianzen passen nicht zusammen"
+    ),
+    "the times along its path do not rise: means and covariances do not fit together": (
+        "die Zeiten entlang seines Weges steigen nicht: Mittelwerte und Kovarianzen passen nicht zusammen"
+    ),
+    "its path goes {n} m away: positions are in metres, at most {n2} from the origin": (
+        "sein Weg führt {n} m weit weg: Positionen sind in Metern, höchstens {n2} vom Ursprung"
+    ),
     # things and their states
     "there is no {t} {name}: look up the ones there are and check the spelling": (
         "{t} {name} gibt es nicht: nachsehen, was es gibt, und die Schreibweise prüfen"
