@@ -22,7 +22,7 @@ from models.yardstick import WHOLE_PATH, MeanPath, mean_path, retimed
 
 LEAST_PACE = 0.25  # of the mean pace: time that stands still on the path cannot be read from it
 LEAST_SPREAD = 1e-5  # of the path's length: a covariance has to have an inverse where people do not differ at all
-PACE_STEPS = 1200
+PACE_STEPS = 1200  # of the clock at which that pace is looked at: four for each instant of the mean
 
 
 def fit_path(aligned: Correspondence, options: LearningOptions) -> tuple[Fit, Correspondence, tuple[Finding, ...]]:

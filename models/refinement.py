@@ -70,8 +70,9 @@ class _Path:
     points: Floats
 
 
-def refined(target: Target, start: Handover, patient: bool) -> Fit:
-    """Return the hand-over and lines nearest to the target that are reached from a start.
+def refined(target: Target, start: Handover, patient: bool) -> tuple[Fit, float]:
+    """Return the hand-over and lines nearest to the target that are reached from a start, and the mean squared distance
+    in standard errors, with what was paid for moving away from the start.
 
     Unless ``patient``, one that will hardly come near is given up.
     """
@@ -101,7 +102,7 @@ def refined(target: Target, start: Handover, patient: bool) -> Fit:
             break
     order = np.argsort(guess.centres, kind="stable")
     chosen = np.concatenate([order, order + components])
-    return Fit(Handover(guess.centres[order], np.exp(guess.logarithms[order])), guess.lines[chosen])
+    return Fit(Handover(guess.centres[order], np.exp(guess.logarithms[order])), guess.lines[chosen]), cost
 
 
 def _evaluated(guess: _Guess) -> _Path:
