@@ -26,6 +26,9 @@ SINGULAR = 0.03
 HIGHEST_LIFT = 0.5
 UNIT = 1e-3
 POSTURE_JUMP = 0.5
+# In degrees: from what lean on an arm of few axes tells that it cannot hold the nozzle so, and refuses.
+TOLD_LEAN, MOST_LEAN = 0.1, 45.0
+MOST_SAMPLES = 1_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -233,6 +236,49 @@ def check_rates(model: ArmModel, rates: Rates, times: Floats, phases: Floats) ->
             share, joint = used[name], joint + 1
             found.append(Finding("SpeedLimit", *place, share, OF_THE_LIMIT, text, asked=share, limit=1.0, joint=joint))
     return found, used
+
+
+def slowed_whole(model: ArmModel, factor: float) -> Finding:
+    """Return what is told where a path had to be run slower as a whole."""
+    text = (
+        f"the whole path is run {factor:.2f} times slower than its timing: {model.name} needs that between two samples"
+    )
+    return Finding("SpeedLimit", math.nan, math.nan, factor, "times", text, fatal=False, asked=1.0, limit=1.0 / factor)
+
+
+def check_lean(model: ArmModel, wanted: Floats, held: Floats, phases: Floats) -> list[Finding]:
+    """Return by how much a nozzle leans that few axes cannot hold as it should be held: told, or refused if too much.
+
+    ``wanted`` and ``held`` are rotations (n, 3, 3) at ``phases`` (n,).
+    """
+    cosine = np.clip((wanted[:, :, 2] * held[:, :, 2]).sum(axis=1), -1.0, 1.0)
+    i = int(cosine.argmin())
+    lean = math.degrees(math.acos(float(cosine[i])))
+    if lean < TOLD_LEAN:
+        return []
+    axes = kinematics(model).dof
+    text = (
+        f"{model.name} has {axes} axes: its nozzle leans by up to {lean:.1f} degrees from how it should be held "
+        f"at {100 * phases[i]:.1f} % of the path"
+    )
+    fatal = lean > MOST_LEAN
+    return [
+        Finding(
+            "NoIkSolution", math.nan, float(phases[i]), lean, "degrees", text, fatal=fatal, asked=lean, limit=MOST_LEAN
+        )
+    ]
+
+
+def check_samples(count: float) -> list[Finding]:
+    """Return whether a path takes more time steps than can be planned: it crawls through a corner, say."""
+    if count <= MOST_SAMPLES:
+        return []
+    text = (
+        f"the path would take {count:.3g} time steps: it has to be at most {MOST_SAMPLES}, go faster or use longer "
+        "steps"
+    )
+    many = Finding("ParameterInvalid", math.nan, math.nan, count, "time steps", text, asked=count, limit=MOST_SAMPLES)
+    return [many]
 
 
 def check_hull(model: ArmModel) -> list[Finding]:

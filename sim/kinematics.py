@@ -149,16 +149,20 @@ class Kinematics:
         q, distance, angle = self._nearest(goal, wanted, seeds.T.copy())
         return InverseResult(q.T.copy(), distance, angle)
 
+    def spare(self, joints: Floats, moves: Floats) -> Floats:
+        """Return the part of moves (n, dof) at joints (n, dof) that leaves the nozzle where it is."""
+        q, move = np.ascontiguousarray(joints.T), np.ascontiguousarray(moves.T)
+        _, position, axes, origins = self._sweep(q)
+        jacobian = _columns_of_jacobian(position, axes, origins, self.slides)
+        weights = _solve(jacobian, _total([jacobian[k] * move[k] for k in range(self.dof)]), DAMPING)
+        return (move - _total([jacobian[:, k] * weights[k] for k in range(6)])).T.copy()
+
     def centred(self, joints: Floats, share: float) -> Floats:
         """Return joints (n, dof) moved towards the middle of their ranges, as far as the nozzle stays where it is."""
         if self.dof <= 6:
             return joints
-        q = np.ascontiguousarray(joints.T)
-        _, position, axes, origins = self._sweep(q)
-        jacobian = _columns_of_jacobian(position, axes, origins, self.slides)
-        pull = share * (0.5 * (self.lower + self.upper)[:, None] - q)
-        weights = _solve(jacobian, _total([jacobian[k] * pull[k] for k in range(self.dof)]), DAMPING)
-        return (q + pull - _total([jacobian[:, k] * weights[k] for k in range(6)])).T.copy()
+        pull = share * (0.5 * (self.lower + self.upper) - joints)
+        return joints + self.spare(joints, pull)
 
     def _inverse(self, positions: Floats, rotations: Floats) -> tuple[Floats, Floats, Floats]:
         n = len(positions)

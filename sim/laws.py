@@ -19,7 +19,7 @@ from sim.corners import corner_speeds, curvature
 from sim.holding import Holding
 from sim.kinematics import InverseResult, kinematics
 from sim.path import ToolPath
-from sim.postures import Posture
+from sim.postures import Poses, Posture, steady_posture
 from sim.rates import rates, spline_velocities
 from sim.timing import JointPath, TimeLaw, fastest, law_speed, ramps, time_at
 
@@ -42,7 +42,8 @@ class Followed:
     """A path as an arm follows it in one posture, on an even grid of arc lengths (g,).
 
     Phases, the people's times in s, joints, and two ceilings (g,) in m/s: ``even`` for a speed that does not change,
-    ``careful`` with something left to change it. ``by_step`` says where the time step is what keeps ``even`` down.
+    ``careful`` with something left to change it. ``by_step`` says where the time step is what keeps ``even`` down,
+    ``told`` how the nozzle is held otherwise than it should be.
     """
 
     path: ToolPath
@@ -55,6 +56,7 @@ class Followed:
     even: Floats
     careful: Floats
     by_step: np.ndarray
+    told: tuple[Finding, ...]
 
     @property
     def inside(self) -> np.ndarray:
@@ -88,6 +90,9 @@ def clock_of(law: TimeLaw, length: float, step: float) -> Clock:
     """
     begins = time_at(law, 0.0) if law.start < 0.0 else 0.0
     ends = time_at(law, length) if law.end > length else law.duration
+    found = checks.check_samples(law.duration / step)
+    if found:
+        raise MotionRefused(found)
     steps = max(1, math.ceil((ends - begins) / step - 1e-9))
     each = (ends - begins) / steps
     before, after = (math.ceil(part / each - 1e-9) for part in (begins, law.duration - ends))
@@ -130,6 +135,12 @@ def follow(
     solved = (
         chain.inverse(points, rotations) if posture is None else chain.refine(points, rotations, posture.near(lengths))
     )
+    if posture is None and solved.reached.all():
+        turned = np.broadcast_to(rotations, (len(points), 3, 3))
+        poses = Poses(points, turned, 0, len(points) - 1, lengths)
+        steady = steady_posture(arm, poses, solved.joints)
+        if steady is not None:
+            solved = chain.refine(points, rotations, steady.near(lengths))
     paced = shown * ((order.duration or path.motion.duration) / path.motion.duration)
     found = checks.check_reach(arm, points, solved, paced, phases)
     if held.as_shown and any(finding.code == "NoIkSolution" for finding in found):
@@ -137,6 +148,11 @@ def follow(
         if chain.inverse(points[lost], held.upright).reached.all():
             found[0] = checks.blame_tilt(arm, found[0], float(held.tilts(phases[lost][:1])[0]))
     found = found or checks.check_posture(arm, solved.joints, paced, phases)
+    leaning: list[Finding] = []
+    if arm.dof < 6 and not found:
+        wanted = np.broadcast_to(rotations, (len(points), 3, 3))
+        leaning = checks.check_lean(arm, wanted, chain.forward(solved.joints)[1], phases)
+        found = [finding for finding in leaning if finding.fatal]
     if found:
         raise MotionRefused(found)
     joints = JointPath(lengths, solved.joints)
@@ -151,7 +167,7 @@ def follow(
         for ceiling in ceilings:
             ceiling[nodes] = speed
     even, careful = (np.minimum(ceiling, by_chord) for ceiling in ceilings)
-    return Followed(path, held, arm, lengths, phases, shown, joints, even, careful, by_chord <= even)
+    return Followed(path, held, arm, lengths, phases, shown, joints, even, careful, by_chord <= even, tuple(leaning))
 
 
 def _kept(

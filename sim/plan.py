@@ -189,6 +189,7 @@ def plan_motion(
     if found:
         raise MotionRefused(found)
     first: MotionRefused | None = None
+    too_fast: MotionRefused | None = None
     for posture in _postures(path, order, arm, held, boxes):
         try:
             return _planned(path, order, arm, held, posture, (skill_digest, recipe_id), boxes)
@@ -196,8 +197,11 @@ def plan_motion(
             first = first or refused
             if first.failure not in OF_THE_POSTURE:
                 raise
+            if refused.failure == "SpeedLimit":
+                too_fast = too_fast or refused
     assert first is not None
-    raise first
+    # A posture that could do it slower says more than one that cannot do it at all.
+    raise too_fast or first
 
 
 def _home_blocked(arm: ArmModel, boxes: tuple[Box, ...]) -> list[Finding]:
@@ -347,7 +351,10 @@ def _slowed(pieces: list[Piece], order: MotionOrder, arm: ArmModel) -> Joined:
             break
         for k, factor in late:
             slower[k] *= SLOWED * factor
-            made[k] = pieces[k](slower[k])
+            way = pieces[k](slower[k])
+            if way is not None and way.path is not None:
+                way = replace(way, findings=(*way.findings, checks.slowed_whole(arm, slower[k])))
+            made[k] = way
         joined = Joined.of([way for way in made if way is not None], order)
     return joined
 

@@ -24,6 +24,8 @@ STRIDE, STRIDE_TURN, MOST_STRIDES = 2e-3, np.deg2rad(2.0), 1500
 # A spare joint is drawn to the middle of its range by this share a stride, or left where it is.
 DRAWN = (0.0, 0.03)
 CLEARANCE_STRIDE = 5
+# A spare joint that changes its pace by more than this in rad between two places next to each other has jumped.
+JUMP, JUMP_SHARE = 1e-5, 50.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,6 +39,24 @@ class Posture:
         first, last = self.spline.x[0], self.spline.x[-1]
         inside = np.clip(lengths, first, last)
         return self.spline(inside) + (lengths - inside)[:, None] * self.spline(inside, 1)
+
+
+def steady_posture(arm: ArmModel, poses: "Poses", joints: Floats) -> Posture | None:
+    """Return the posture that goes on from the first of joints (g, dof) where those jump with the nozzle going on.
+
+    With seven axes the joints that are a function of the pose may jump a little where Newton's way from home bends.
+    None where they do not, or where it cannot be followed.
+    """
+    if arm.dof <= 6:
+        return None
+    chain = kinematics(arm)
+    drifts = chain.spare(joints[:-1], np.diff(joints, axis=0))
+    sudden = np.abs(np.diff(drifts, axis=0)).max(axis=1)
+    if sudden.max(initial=0.0) < max(JUMP, JUMP_SHARE * float(np.median(sudden))):
+        return None
+    rows = _strides(poses)
+    ways = _followed(chain, joints[:1], np.zeros(1), poses.points[rows], poses.rotations[rows])
+    return Posture(CubicSpline(poses.lengths[rows], ways[0])) if ways else None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -174,7 +174,7 @@ class Learned:
     ) -> "Learned":
         """Find the law that an order asks for. Raises ``MotionRefused``."""
         followed, law, told = law_for(path, order, arm, held, posture)
-        return cls(followed, law, tuple(told))
+        return cls(followed, law, (*told, *followed.told))
 
     def ends(self) -> tuple[tuple[Floats, Floats, Floats], tuple[Floats, Floats, Floats]]:
         """Return nozzle (3,), rotation (3, 3) and joints (dof,) at the very first and the very last place."""

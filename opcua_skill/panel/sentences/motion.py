@@ -124,6 +124,13 @@ MOTION = {
     "{t}, a corner allows {n} mm/s": "{t} erlaubt eine Ecke {n} mm/s",
     "{t}, a time step of {n} ms allows {n2} mm/s": "{t} erlaubt ein Zeitschritt von {n} ms {n2} mm/s",
     "slowed from {n} to {n2} mm/s in corners: {t}": "in Ecken von {n} auf {n2} mm/s verlangsamt: {t}",
+    "the whole path is run {n} times slower than its timing: {arm} needs that between two samples": (
+        "die ganze Bahn wird {n}-mal langsamer gefahren als ihr Zeitplan: {arm} braucht das zwischen zwei Punkten"
+    ),
+    "{arm} has {n} axes: its nozzle leans by up to {n2} degrees from how it should be held {t}": (
+        "{arm} hat {n} Achsen: seine Düse neigt sich {t} um bis zu {n2} Grad anders, als sie gehalten werden soll"
+    ),
+    "at {n} % of the path": "bei {n} % der Bahn",
     "{arm} has no hull: nothing would keep it from touching itself, the table or the part: give its limits file a "
     "[hull] with capsules, or say in the workstation's configuration that collisions are not checked": (
         "{arm} hat keine Hülle: nichts hielte ihn davon ab, sich selbst, den Tisch oder das Teil zu berühren: seiner "
