@@ -34,7 +34,7 @@ TRIALS, ROUNDS, PASSES, LENGTHENED = 12, 12, 3, 4
 NEARLY, SPARE = 0.985, 0.97
 AT_SPEED = 0.999
 TOLD, AROUND = 0.99, 2e-3
-RUN_IN_NODES, RUN_IN_SPARE = 8, 1.1
+RUN_IN_NODES, RUN_IN_SPARE, SHORTEST_RUN_IN = 8, 1.1, 2e-4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -288,17 +288,20 @@ def _constant(
         raise MotionRefused([Finding("SpeedLimit", 0.0, 0.0, asked - most, "mm/s", text, asked=asked, limit=most)])
     followed = follow(path, 0.0, order, arm, held, posture)
     _refuse_corners(followed, order)
-    extra = _run_in(followed, speed)
+    room = _room(path)
+    extra = min(_run_in(followed, speed), room)
     law, slowest = None, 0.0
     for _ in range(LENGTHENED):
-        followed = follow(path, extra, order, arm, held, posture)
+        followed = _with_run_in(path, extra, order, arm, held, posture)
         top = np.where(followed.even >= speed, speed, np.minimum(followed.careful, speed))
         law, ceiling, _ = _kept(followed, np.full(len(top), speed), top, order)
         outside = ~followed.inside
         speeds = law_speed(law, np.array([0.0, path.length]))
         if (speeds >= AT_SPEED * speed).all() or (ceiling[outside] < speed).any():
             break
-        extra *= 1.5
+        if not outside.any() or extra >= room:
+            break
+        extra = min(1.5 * extra, room)
     assert law is not None
     inside = followed.inside
     reached = law_speed(law, followed.lengths[inside])
@@ -309,6 +312,35 @@ def _constant(
     if order.corners == "refuse":
         raise MotionRefused([_corner(followed, order, i, slowest, refused=True)])
     return followed, law, [_corner(followed, order, i, slowest, refused=False)]
+
+
+def _with_run_in(
+    path: ToolPath, extra: float, order: "MotionOrder", arm: ArmModel, held: Holding, posture: Posture | None
+) -> Followed:
+    """Return an arm's way along a path with as much of ``extra`` m before and after it as the arm can follow."""
+    while extra > SHORTEST_RUN_IN:
+        try:
+            return follow(path, extra, order, arm, held, posture)
+        except MotionRefused:
+            extra *= 0.5
+    return follow(path, 0.0, order, arm, held, posture)
+
+
+def _room(path: ToolPath) -> float:
+    """Return how far in m the nozzle may go straight on before and beyond a path without going into the part.
+
+    It may not come nearer to the part's plane than half as near as the path itself does.
+    """
+    normal = path.rotation[:, 2]
+    high = (path.points(path.lengths) - path.origin) @ normal
+    floor = float(high.min()) - 0.5 * path.standoff
+    step = 1e-3
+    ahead = (path.points(np.array([-step, path.length + step])) - path.origin) @ normal
+    room = math.inf
+    for here, there in zip(high[[0, -1]], ahead, strict=True):
+        if there < here - 1e-9:
+            room = min(room, step * float(here - floor) / float(here - there))
+    return room
 
 
 def _run_in(followed: Followed, speed: float) -> float:
@@ -339,7 +371,12 @@ def _corner(followed: Followed, order: "MotionOrder", row: int, allowed: float, 
     # The nozzle is slow for a little while before and after what makes it slow.
     around = np.flatnonzero(np.abs(followed.lengths - length) <= AROUND)
     narrowest = int(around[followed.careful[around].argmin()])
-    cause = f"a time step of {order.time_step * 1e3:.3g} ms" if followed.by_step[narrowest] else "a corner"
+    if followed.even[narrowest] >= order.speed:
+        cause = "the way into the path and out of it"
+    elif followed.by_step[narrowest]:
+        cause = f"a time step of {order.time_step * 1e3:.3g} ms"
+    else:
+        cause = "a corner"
     what = f"at {time:.2f} s, {100 * phase:.1f} % of the path, {cause} allows {allowed:.0f} mm/s"
     text = (
         f"constant {asked:.0f} mm/s is impossible: {what}: lower the speed, or give a blend radius"

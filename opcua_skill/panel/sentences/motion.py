@@ -122,6 +122,9 @@ MOTION = {
         "die Geschwindigkeit ist {n} mm/s: die Düse von {arm} darf höchstens {n2} mm/s"
     ),
     "{t}, a corner allows {n} mm/s": "{t} erlaubt eine Ecke {n} mm/s",
+    "{t}, the way into the path and out of it allows {n} mm/s": (
+        "{t} erlaubt der Weg in die Bahn und aus ihr {n} mm/s"
+    ),
     "{t}, a time step of {n} ms allows {n2} mm/s": "{t} erlaubt ein Zeitschritt von {n} ms {n2} mm/s",
     "slowed from {n} to {n2} mm/s in corners: {t}": "in Ecken von {n} auf {n2} mm/s verlangsamt: {t}",
     "the whole path is run {n} times slower than its timing: {arm} needs that between two samples": (
