@@ -15,7 +15,8 @@ from library.errors import LibraryUnusable
 from library.lifecycle import FINAL_JOB_STATES
 from library.records import JobTrace
 from library.store import SkillLibrary
-from sim.arm import Trace
+from opcua_skill.run import CAUSES, NotAnyMore, Run, StoppedBefore
+from sim.arm import Arm, ArmError, ArmFault, ArmMode, Stopped, Trace
 
 WRITE_AGAIN = 0.1
 WRITE_AGAIN_AT_MOST = 5.0
@@ -35,6 +36,38 @@ class End:
     trace: Trace | None = None
     cause: Cause = Cause.NONE
     by_arm: bool = False
+
+
+def how_it_ended(run: Run, ended: Exception, *, lost: bool) -> End:
+    """Return how a run ended that did not end by itself: who stopped it, or what the arm's fault was."""
+    asked = CAUSES.get(run.stop_failure, Cause.ABORTED)
+    match ended:
+        case StoppedBefore():
+            return End(JobState.ABORTED, run.stop_failure, run.stop_because, cause=asked)
+        case Stopped() if run.stop_because:
+            return End(JobState.ABORTED, run.stop_failure, run.stop_because, ended.trace, asked)
+        case Stopped():
+            text = ended.because
+            return End(JobState.ABORTED, Failure.ABORTED, text, ended.trace, Cause.UNASKED_STOP, by_arm=True)
+        case NotAnyMore():
+            return End(JobState.FAILED, ended.failure, str(ended), cause=Cause.FAILED)
+        case ArmFault():
+            failure = Failure(ended.failure)
+            if failure is Failure.PROTECTIVE_STOP and run.stop_because:
+                return End(JobState.ABORTED, run.stop_failure, run.stop_because, ended.trace, asked)
+            cause = Cause.PROTECTIVE_STOP if failure is Failure.PROTECTIVE_STOP else Cause.FAILED
+            return End(
+                JobState.FAILED, failure, ended.text, ended.trace, Cause.ARM_LOST if lost else cause, by_arm=True
+            )
+        case ArmError():
+            return End(JobState.FAILED, Failure(ended.failure), ended.text, cause=Cause.FAILED, by_arm=True)
+    raise ended
+
+
+def is_lost(arm: Arm) -> bool:
+    """Return whether contact with an arm is lost: where it is and what it does is not known."""
+    state = arm.state()
+    return not state.known or state.mode in {ArmMode.FAULT, ArmMode.CLOSED}
 
 
 class Endings:

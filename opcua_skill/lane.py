@@ -14,10 +14,10 @@ from library.description import Cause, Failure, JobReport, JobState
 from library.errors import LibraryError, NotAllowedInState
 from library.store import SkillLibrary
 from opcua_skill.arm_queue import PATIENCE, ArmQueue
-from opcua_skill.endings import End, Endings, in_background
-from opcua_skill.run import CAUSES, Order, Run, StoppedBefore, place_at
+from opcua_skill.endings import End, Endings, how_it_ended, in_background, is_lost
+from opcua_skill.run import CAUSES, NotAnyMore, Order, Run, StoppedBefore, place_at
 from opcua_skill.steering import ARM_SIDE, Steering
-from sim.arm import Arm, ArmError, ArmFault, ArmMode, Progress, Stopped, Trace
+from sim.arm import Arm, ArmError, Progress, Stopped, Trace
 from sim.plan import MotionPlan
 
 TELL_EVERY = 0.5
@@ -25,14 +25,6 @@ LOOK_EVERY, LOOK_EVERY_AT_REST = 0.02, 0.1
 SERVER_SIDE = "server"
 
 _log = logging.getLogger(__name__)
-
-
-class NotAnyMore(Exception):
-    """A job whose turn has come may not run any more: what it was checked for has changed meanwhile."""
-
-    def __init__(self, failure: Failure, reason: str) -> None:
-        super().__init__(reason)
-        self.failure = failure
 
 
 class _HeldBefore(Exception):
@@ -190,7 +182,7 @@ class Lane:
             text = "the queue was held before the arm moved: ask for the job again"
             end = End(JobState.ABORTED, Failure.ABORTED, text, cause=self._held_because())
         except (StoppedBefore, Stopped, NotAnyMore, ArmError) as ended:
-            end = self._end_of(run, ended)
+            end = how_it_ended(run, ended, lost=self._queue is not None and is_lost(run.arm))
         except asyncio.CancelledError:
             end = End(JobState.FAILED, Failure.INTERRUPTED, "the server stopped", cause=Cause.UNFINISHED_AT_START)
             raise
@@ -233,31 +225,6 @@ class Lane:
         if self._queue is not None and self._queue.held:
             raise _HeldBefore
         return await run.arm.run(run.order.plan, lambda progress: self._on_progress(run, progress))
-
-    def _end_of(self, run: Run, ended: Exception) -> End:
-        """Return how a run ended that did not end by itself: who stopped it, or what the arm's fault was."""
-        asked = CAUSES.get(run.stop_failure, Cause.ABORTED)
-        match ended:
-            case StoppedBefore():
-                return End(JobState.ABORTED, run.stop_failure, run.stop_because, cause=asked)
-            case Stopped() if run.stop_because:
-                return End(JobState.ABORTED, run.stop_failure, run.stop_because, ended.trace, asked)
-            case Stopped():
-                text = ended.because
-                return End(JobState.ABORTED, Failure.ABORTED, text, ended.trace, Cause.UNASKED_STOP, by_arm=True)
-            case NotAnyMore():
-                return End(JobState.FAILED, ended.failure, str(ended), cause=Cause.FAILED)
-            case ArmFault():
-                failure = Failure(ended.failure)
-                if failure is Failure.PROTECTIVE_STOP and run.stop_because:
-                    return End(JobState.ABORTED, run.stop_failure, run.stop_because, ended.trace, asked)
-                cause = Cause.PROTECTIVE_STOP if failure is Failure.PROTECTIVE_STOP else Cause.FAILED
-                lost = self._queue is not None and is_lost(run.arm)
-                cause = Cause.ARM_LOST if lost else cause
-                return End(JobState.FAILED, failure, ended.text, ended.trace, cause, by_arm=True)
-            case ArmError():
-                return End(JobState.FAILED, Failure(ended.failure), ended.text, cause=Cause.FAILED, by_arm=True)
-        raise ended
 
     def _held_because(self) -> Cause:
         return Cause.REQUESTED if self._queue is None else self._queue.status.because
@@ -422,9 +389,3 @@ class Lane:
         finally:
             self._homing = None
             self._changed.set()
-
-
-def is_lost(arm: Arm) -> bool:
-    """Return whether contact with an arm is lost: where it is and what it does is not known."""
-    state = arm.state()
-    return not state.known or state.mode in {ArmMode.FAULT, ArmMode.CLOSED}

@@ -30,6 +30,14 @@ class StoppedBefore(Exception):
     """A job was stopped after its turn had come and before the arm moved."""
 
 
+class NotAnyMore(Exception):
+    """A job whose turn has come may not run any more: what it was checked for has changed meanwhile."""
+
+    def __init__(self, failure: Failure, reason: str) -> None:
+        super().__init__(reason)
+        self.failure = failure
+
+
 @dataclass
 class Run:
     """What is known of a run. ``state`` is the last one written down; ``over`` is set once the arm rests at its end."""

@@ -13,8 +13,8 @@ from opcua_skill.jobs.ids import new_job_id
 from opcua_skill.jobs.planning import Planning
 from opcua_skill.jobs.reasons import LacksAtomicSkill, MotionNotPossible, NotExecutable, QueueFull
 from opcua_skill.jobs.station import Station
-from opcua_skill.lane import Lane, NotAnyMore
-from opcua_skill.run import Order, slowed_to
+from opcua_skill.lane import Lane
+from opcua_skill.run import NotAnyMore, Order, slowed_to
 from opcua_skill.settings import Settings
 from sim.plan import Finding
 

@@ -12,9 +12,9 @@ from library.errors import LibraryUnusable, NotAllowedInState
 from library.store import SkillLibrary
 from opcua_skill.arm_queue import PATIENCE, ArmQueue
 from opcua_skill.atomic_skills import motions_of
-from opcua_skill.endings import in_background
+from opcua_skill.endings import in_background, is_lost
 from opcua_skill.jobs.reasons import ArmNotReady
-from opcua_skill.lane import Lane, is_lost
+from opcua_skill.lane import Lane
 from opcua_skill.settings import Workstation
 from sim import arms
 from sim.arm import Arm, ArmError, ArmMode, ArmModel, ArmState

@@ -16,8 +16,9 @@ from library.description import Cause, Failure, JobReport, JobState
 from library.errors import LibraryUnusable, NotAllowedInState
 from library.store import SkillLibrary
 from opcua_skill.arm_queue import ArmQueue, QueueStatus
-from opcua_skill.lane import Lane, NotAnyMore, is_lost
-from opcua_skill.run import Order
+from opcua_skill.endings import is_lost
+from opcua_skill.lane import Lane
+from opcua_skill.run import NotAnyMore, Order
 from sim.arm import ArmFault, ArmMode, StartRefused, Trace
 from sim.plan import MotionPlan
 
