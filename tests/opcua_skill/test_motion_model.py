@@ -284,7 +284,7 @@ class Day(RuleBasedStateMachine):
 
     # What people ask for
 
-    @rule(soon=SOON, latency=st.integers(0, 3))
+    @rule(soon=SOON, latency=st.sampled_from([0, 1, 3, 30]))
     def execute(self, soon: int | None, latency: int) -> None:
         self.arm.latency = latency
         self.launch("execute", lambda: self.shift.work.execute_skill("glue", "", 2), soon)
@@ -392,8 +392,7 @@ class Day(RuleBasedStateMachine):
     @rule()
     def forget_the_override(self) -> None:
         self.arm.let_override_rise()
-        asked = self.shift.station.speed_override
-        self.until("the override falls again", lambda: self.arm.state().override <= asked)
+        self.until("the override falls again", lambda: self.arm.state().override <= self.shift.station.speed_override)
 
     # What the disk and the machine do
 
