@@ -23,17 +23,19 @@ class LogBudget(logging.Filter):
     def filter(self, record: logging.LogRecord) -> bool:
         """Return whether a record is written, cut to a length that somebody reads."""
         try:
-            message = record.getMessage()
+            line = record.getMessage()
         except Exception as error:
-            message = f"a line that cannot be written: {error}"
-        if len(message) > LONGEST_LINE:
-            message = f"{message[:LONGEST_LINE]}… ({len(message)} characters)"
-        record.msg, record.args = message, None
+            line = f"a line that cannot be written: {error}"
+        if len(line) > LONGEST_LINE:
+            line = f"{line[:LONGEST_LINE]}… ({len(line)} characters)"
+        record.msg, record.args = line, None
         if record.exc_info and not record.exc_text:
-            told = logging.Formatter().formatException(record.exc_info)
-            cut = len(told) > LONGEST_TRACEBACK
-            record.exc_text = f"{told[: LONGEST_TRACEBACK // 2]}\n…\n{told[-LONGEST_TRACEBACK // 2 :]}" if cut else told
-        size = 100 + len(message) + len(record.exc_text or "")
+            trace = logging.Formatter().formatException(record.exc_info)
+            cut = len(trace) > LONGEST_TRACEBACK
+            record.exc_text = (
+                f"{trace[: LONGEST_TRACEBACK // 2]}\n…\n{trace[-LONGEST_TRACEBACK // 2 :]}" if cut else trace
+            )
+        size = 100 + len(line) + len(record.exc_text or "")
         return record.name == __name__ or self._budget.admits("log", float(size))
 
     def take_dropped(self) -> int:

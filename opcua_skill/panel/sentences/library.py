@@ -66,6 +66,24 @@ LIBRARY = {
     "the library's disk is full: nothing was stored, free space on it and try again": (
         "der Datenträger der Bibliothek ist voll: nichts wurde gespeichert, Platz schaffen und noch einmal versuchen"
     ),
+    "database is locked": "die Datenbank ist gesperrt",
+    "{n} entries were lost here: they could not be written, and more than {n2} waited": (
+        "{n} Einträge gingen hier verloren: sie konnten nicht geschrieben werden, und mehr als {n2} warteten"
+    ),
+    "{n} more refusals of {x} were counted and not recorded one by one": (
+        "{n} weitere Ablehnungen von {x} wurden gezählt und nicht einzeln aufgezeichnet"
+    ),
+    "{n} lines of the log were dropped: too many came": "{n} Zeilen des Logs fielen weg: es kamen zu viele",
+    "another program holds the library's database locked": "ein anderes Programm sperrt die Datenbank der Bibliothek",
+    "the library cannot be written: its disk is full": "die Bibliothek ist nicht beschreibbar: Datenträger voll",
+    "the disk of the data folder is full: free space on it": "der Datenträger der Daten ist voll: Platz schaffen",
+    "the library does not answer": "die Bibliothek antwortet nicht",
+    "the audit trail cannot be written": "das Protokoll kann nicht geschrieben werden",
+    "the library cannot be written": "in die Bibliothek kann nicht geschrieben werden",
+    "the data folder cannot be reached": "der Datenordner ist nicht erreichbar",
+    "{x} has {n} samples, {n2} were named": "{x} hat {n} Messpunkte, genannt waren {n2}",
+    "{x} has samples 0 to {n}, {n2} were named": "{x} hat Messpunkte 0 bis {n}, genannt waren {n2}",
+    "its path cannot be worked out: {x}": "sein Weg lässt sich nicht berechnen: {x}",
     "duration is {n} s: it has to be at most {n2} s": "die Dauer ist {n} s: höchstens {n2} s sind erlaubt",
     "timeStep is {n} s: that makes {n2} samples, {n3} are allowed": (
         "der Zeitschritt ist {n} s: das gibt {n2} Abtastwerte, {n3} sind erlaubt"
