@@ -95,7 +95,7 @@ async def release(engineer: SkillClient) -> None:
 
 async def run(engineer: SkillClient) -> None:
     """Plan and run the skill once."""
-    started = await engineer.workstation("ws1").execute(SKILL)
+    started = await engineer.workstation("ws1").execute(SKILL, mode="production")
     report = await engineer.follow(started.job_id, on="ws1")
     assert report.state == "Completed", report
 

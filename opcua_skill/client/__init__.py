@@ -1,7 +1,15 @@
 """The typed client of a skill server: command line, panel, demo and tests use it, and so may anybody else."""
 
 from opcua_skill.client.certificates import APPLICATION_URI, client_folder
-from opcua_skill.client.errors import ClientError, NotSignedIn, Refused, ServerChanged, TookTooLong, Unreachable
+from opcua_skill.client.errors import (
+    ClientError,
+    NotSignedIn,
+    Refused,
+    ServerChanged,
+    TookTooLong,
+    Unreachable,
+    WrongArgument,
+)
 from opcua_skill.client.recorder import Presses, Recorded, Recorder, RecorderState, RecordingView
 from opcua_skill.client.session import Event, Session
 from opcua_skill.client.skills import SkillClient
@@ -9,6 +17,7 @@ from opcua_skill.client.values import (
     ENDED,
     ArmLinks,
     AuditEntry,
+    Failure,
     JobReport,
     JobTrace,
     JointTrace,
@@ -36,6 +45,7 @@ __all__ = [
     "ClientError",
     "DeployedModel",
     "Event",
+    "Failure",
     "JobReport",
     "JobTrace",
     "JointTrace",
@@ -65,5 +75,6 @@ __all__ = [
     "TookTooLong",
     "Unreachable",
     "Workstation",
+    "WrongArgument",
     "client_folder",
 ]

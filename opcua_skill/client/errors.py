@@ -1,5 +1,7 @@
 """What can go wrong for a client, each in one sentence for the person at the keyboard."""
 
+from collections.abc import Sequence
+
 from asyncua import ua
 from asyncua.ua.status_codes import StatusCodes
 
@@ -24,6 +26,20 @@ class Refused(ClientError):
         self.reason = reason
         at = f" (argument {argument})" if argument else ""
         super().__init__(f"{method} was refused: {reason}{at} [{status}]")
+
+
+class WrongArgument(ClientError, ValueError):
+    """A value that no server could take; it was not sent. ``choices`` are what may be given, where that is a list."""
+
+    def __init__(self, argument: str, value: object, expected: str, choices: Sequence[str] = ()) -> None:
+        self.argument = argument
+        self.choices = tuple(choices)
+        super().__init__(f"{argument} is {value!r}: it has to be {expected}")
+
+    @classmethod
+    def none_of(cls, argument: str, value: object, choices: Sequence[str]) -> "WrongArgument":
+        """Return the fault of a word that is none of ``choices``."""
+        return cls(argument, value, f"one of {', '.join(choices)}", choices)
 
 
 class Unreachable(ClientError):

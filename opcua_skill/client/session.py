@@ -5,6 +5,7 @@ import contextlib
 import functools
 import logging
 import shlex
+import struct
 import uuid
 from collections.abc import AsyncIterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -18,7 +19,7 @@ from asyncua.crypto import uacrypto
 from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
 from asyncua.ua.attribute_ids import AttributeIds
 from asyncua.ua.object_ids import ObjectIds
-from asyncua.ua.ua_binary import struct_from_binary
+from asyncua.ua.ua_binary import struct_from_binary, variant_to_binary
 from cryptography.hazmat.primitives import serialization
 from cryptography.hazmat.primitives.asymmetric import rsa
 
@@ -30,6 +31,7 @@ from opcua_skill.client.errors import (
     NotSignedIn,
     Refused,
     Unreachable,
+    WrongArgument,
     meaning,
     status_name,
 )
@@ -38,6 +40,9 @@ from opcua_skill.security import ApplicationCertificate, ensure_client_certifica
 
 TYPES = "urn:opcua-skill:types"
 INSTANCES = "urn:opcua-skill:instances"
+MACHINES = "Machines"
+UNKNOWN_NODE = frozenset({"BadNodeIdUnknown", "BadNotFound"})
+CANNOT_BE_SENT = (struct.error, TypeError, ValueError, AttributeError, ua.UaError)
 PROBE_EVERY = 15.0
 """How often the connection is probed, in s, and how long a probe may take: a busy machine is no lost connection."""
 log = logging.getLogger(__name__)
@@ -190,20 +195,27 @@ class Session:
 
     async def read(self, *paths: str) -> list[Any]:
         """Return the values of variables, by browse path, in one request."""
-        nodes = [self._client.get_node(self.node(path)) for path in paths]
         try:
-            return await self._client.read_values(nodes)
+            told = await self._client.uaclient.read_attributes([self.node(path) for path in paths], AttributeIds.Value)
         except ua.UaStatusCodeError as error:
             raise Refused("Read", status_name(error.code), "", f"{', '.join(paths)}: {meaning(error.code)}") from error
         except (OSError, TimeoutError) as error:
             raise Unreachable(f"the connection to {self.url} broke: {describe(error)}") from error
+        for path, one in zip(paths, told, strict=True):
+            if one.StatusCode is not None and one.StatusCode.is_bad():
+                await self._check_workstation(path, "Read", one.StatusCode.name)
+                raise Refused("Read", one.StatusCode.name, "", f"{path}: {meaning(one.StatusCode.value)}")
+        return [one.Value.Value if one.Value is not None else None for one in told]
 
     async def write(self, path: str, value: ua.Variant) -> None:
         """Write a variable that clients may set; the server may refuse like a call."""
         node = self._client.get_node(self.node(path))
         try:
             await node.write_attribute(AttributeIds.Value, ua.DataValue(value))
-        except ua.UaStatusCodeError as error:
+        except CANNOT_BE_SENT as error:
+            if not isinstance(error, ua.UaStatusCodeError):
+                raise _wrong(path.rsplit("/", 1)[-1], value) from error
+            await self._check_workstation(path, "Write", status_name(error.code))
             raise Refused("Write", status_name(error.code), path.rsplit("/", 1)[-1], meaning(error.code)) from error
         except (OSError, TimeoutError) as error:
             raise Unreachable(f"the connection to {self.url} broke: {describe(error)}") from error
@@ -236,7 +248,13 @@ class Session:
             raise Refused(method, status_name(error.code), "", meaning(error.code)) from error
         except (OSError, TimeoutError) as error:
             raise Unreachable(f"{method} got no answer from {self.url}: {describe(error)}") from error
+        except CANNOT_BE_SENT as error:
+            for name, variant in arguments.items():
+                if not _can_be_sent(variant):
+                    raise _wrong(name, variant) from error
+            raise
         if not result.StatusCode.is_good():
+            await self._check_workstation(place, method, result.StatusCode.name)
             raise await self._refusal(f"{place}/{method}", entry, arguments, result)
         return [variant.Value for variant in result.OutputArguments or ()]
 
@@ -247,6 +265,16 @@ class Session:
         response = struct_from_binary(ua.CallResponse, await protocol.send_request(request))
         response.ResponseHeader.ServiceResult.check()
         return response.Results[0]
+
+    async def _check_workstation(self, path: str, method: str, status: str) -> None:
+        """Raise Refused with the workstations that there are, if a path leads to none of them."""
+        parts = path.split("/")
+        if parts[0] != MACHINES or len(parts) < 2 or status not in UNKNOWN_NODE:
+            return
+        there = await self.children(MACHINES)
+        if parts[1] not in there:
+            reason = f"there is no workstation {parts[1]} on this server: it has {', '.join(there) or 'none'}"
+            raise Refused(method, "BadNotFound", "Workstation", reason)
 
     async def _refusal(
         self, path: str, entry: str, arguments: Mapping[str, ua.Variant], result: ua.CallMethodResult
@@ -338,6 +366,20 @@ async def pump_events(subscription: Any, queue: "asyncio.Queue[Event]") -> None:
                 progress=fields["Progress"].Value,
             )
         )
+
+
+def _can_be_sent(variant: ua.Variant) -> bool:
+    try:
+        variant_to_binary(variant)
+    except CANNOT_BE_SENT:
+        return False
+    return True
+
+
+def _wrong(name: str, variant: ua.Variant) -> WrongArgument:
+    kind = variant.VariantType.name
+    article = "an" if kind[0] in "AEIO" else "a"
+    return WrongArgument(name, variant.Value, f"{article} {kind}{' array' if variant.is_array else ''}")
 
 
 def describe(error: BaseException) -> str:

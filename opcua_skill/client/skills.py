@@ -349,7 +349,14 @@ class SkillClient:
 
     @contextlib.asynccontextmanager
     async def events(self) -> AsyncIterator["asyncio.Queue[Event]"]:
-        """Yield a queue of what the server tells while the block runs."""
+        """Yield a queue of what the server tells while the block runs; the oldest gives way after 1000 unread ones.
+
+        ::
+
+            async with client.events() as told:
+                started = await client.workstation("ws1").execute("zigzag")
+                event = await told.get()
+        """
         async with self.session.events() as queue:
             yield queue
 

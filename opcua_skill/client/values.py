@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
+from enum import StrEnum
 from types import MappingProxyType
 from typing import Any, Literal
 
@@ -14,29 +15,35 @@ from models.motion import Motion
 Mode = Literal["simulation", "test", "production"]
 MODES: tuple[Mode, ...] = ("simulation", "test", "production")
 ENDED = frozenset({"Completed", "Failed", "Aborted"})
-FAILURES = (
-    "None",
-    "ControlNotOwned",
-    "NotPermittedInMode",
-    "NotApproved",
-    "NotDeployed",
-    "NotFound",
-    "ParameterInvalid",
-    "WorkspaceLimit",
-    "JointLimit",
-    "SpeedLimit",
-    "NoIkSolution",
-    "Singularity",
-    "Collision",
-    "ToleranceExceeded",
-    "QueueFull",
-    "Busy",
-    "Aborted",
-    "ProtectiveStop",
-    "Timeout",
-    "Interrupted",
-    "Internal",
-)
+
+
+class Failure(StrEnum):
+    """Why a job did not do what was asked; ``NONE`` is false, so that ``if report.failure`` reads as it should."""
+
+    NONE = "None"
+    CONTROL_NOT_OWNED = "ControlNotOwned"
+    NOT_PERMITTED_IN_MODE = "NotPermittedInMode"
+    NOT_APPROVED = "NotApproved"
+    NOT_DEPLOYED = "NotDeployed"
+    NOT_FOUND = "NotFound"
+    PARAMETER_INVALID = "ParameterInvalid"
+    WORKSPACE_LIMIT = "WorkspaceLimit"
+    JOINT_LIMIT = "JointLimit"
+    SPEED_LIMIT = "SpeedLimit"
+    NO_IK_SOLUTION = "NoIkSolution"
+    SINGULARITY = "Singularity"
+    COLLISION = "Collision"
+    TOLERANCE_EXCEEDED = "ToleranceExceeded"
+    QUEUE_FULL = "QueueFull"
+    BUSY = "Busy"
+    ABORTED = "Aborted"
+    PROTECTIVE_STOP = "ProtectiveStop"
+    TIMEOUT = "Timeout"
+    INTERRUPTED = "Interrupted"
+    INTERNAL = "Internal"
+
+    def __bool__(self) -> bool:
+        return self is not Failure.NONE
 
 
 @dataclass(frozen=True, slots=True)
@@ -202,7 +209,7 @@ class JobReport:
     mode: str
     start_time: datetime | None
     end_time: datetime | None
-    failure: str
+    failure: Failure
     message: str
     path_error: tuple[float, float]
     tracking_error: tuple[float, float]

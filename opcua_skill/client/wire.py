@@ -9,7 +9,7 @@ import numpy as np
 from asyncua import ua
 
 from models.demonstration import Demonstration
-from opcua_skill.client.values import FAILURES, MODES, AuditEntry, JobReport, LearningOptions, Recipe, SkillSummary
+from opcua_skill.client.values import MODES, AuditEntry, Failure, JobReport, LearningOptions, Recipe, SkillSummary
 
 Structures = Callable[[str], type]
 OPC_UA_EPOCH = datetime(1601, 1, 1, tzinfo=UTC)
@@ -216,7 +216,7 @@ def job_in(value: Any) -> JobReport:
         mode=MODES[value.Mode] if isinstance(value.Mode, int) else value.Mode or "",
         start_time=moment(value.StartTime),
         end_time=moment(value.EndTime),
-        failure=FAILURES[int(value.Failure)],
+        failure=tuple(Failure)[int(value.Failure)],
         message=value.Message or "",
         path_error=pair(value.PathError),
         tracking_error=pair(value.TrackingError),

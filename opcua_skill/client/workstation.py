@@ -6,6 +6,7 @@ import numpy as np
 
 from models.demonstration import Floats
 from opcua_skill.client import wire
+from opcua_skill.client.errors import WrongArgument
 from opcua_skill.client.recorder import Recorder
 from opcua_skill.client.session import Session
 from opcua_skill.client.values import MODES, ArmLinks, JobReport, JobTrace, JointTrace, Mode, QueueStatus, Started
@@ -61,8 +62,13 @@ class Workstation:
         self.path = f"Machines/{name}"
         self.recorder = Recorder(session, f"{self.path}/Recorder")
 
-    async def execute(self, skill_name: str, *, recipe_id: str = "", mode: Mode = "production") -> Started:
-        """Queue a run. All is checked first; motion never runs inside the call. No recipe: the skill's own."""
+    async def execute(self, skill_name: str, *, recipe_id: str = "", mode: Mode = "simulation") -> Started:
+        """Queue a run. All is checked first; motion never runs inside the call. No recipe: the skill's own.
+
+        Nothing moves unless ``mode`` says so: *test* (slowly) and *production* move the arm.
+        """
+        if mode not in MODES:
+            raise WrongArgument.none_of("mode", mode, MODES)
         job_id, state = await self.session.call(
             self.path,
             "ExecuteSkill",

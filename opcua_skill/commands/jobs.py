@@ -39,7 +39,7 @@ def run(
     skill: Annotated[str, typer.Argument(metavar="SKILL", help="name of the skill")],
     on: On,
     recipe: Annotated[str, typer.Option("--recipe", metavar="ID", help="recipe; else the skill's default")] = "",
-    mode: Annotated[RunMode, typer.Option(help="simulation moves nothing, test is slow")] = RunMode.PRODUCTION,
+    mode: Annotated[RunMode, typer.Option(help="simulation moves nothing, test moves slowly")] = RunMode.SIMULATION,
     follow: Annotated[bool, typer.Option("--follow", help="wait for the end and show progress")] = False,
     server: Server = DEFAULT_SERVER,
     user: User = "",
@@ -64,7 +64,7 @@ def run(
     report = with_client(server, user, work)
     tell(report, as_json)
     if report.state in {"Failed", "Aborted"}:
-        raise Fault(f"job {report.job_id} ended {report.state}: {report.message or report.failure}")
+        raise Fault(f"job {report.job_id} ended {report.state}: {report.message or report.failure.value}")
 
 
 def tell(report: JobReport, as_json: bool) -> None:
@@ -79,7 +79,7 @@ def tell(report: JobReport, as_json: bool) -> None:
         ("mode", report.mode),
         ("start", when(report.start_time)),
         ("end", when(report.end_time)),
-        ("failure", report.failure),
+        ("failure", report.failure.value),
         ("message", report.message),
         ("time steps", report.samples),
         ("path error, mm (RMS, max)", " ".join(millimetres(value) for value in report.path_error)),

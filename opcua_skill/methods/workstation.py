@@ -21,7 +21,7 @@ from opcua_skill.stack.calls import Refused
 from opcua_skill.tidings import Tidings
 
 MODES = ("simulation", "test", "production")
-MODE_ROLES = {"simulation": Role.TEACHER, "test": Role.ENGINEER, "production": Role.OPERATOR}
+MODE_ROLES = {"simulation": Role.OPERATOR, "test": Role.ENGINEER, "production": Role.OPERATOR}
 
 
 @dataclass(frozen=True)

@@ -74,7 +74,7 @@ async def story(teacher: SkillClient, engineer: SkillClient, told: Acknowledged)
     if (await teacher.workstation("ws1").queue()).held:
         await teacher.workstation("ws1").release_queue("looked after the last kill")
     for _ in range(2):
-        told.jobs.append((await teacher.workstation("ws1").execute(told.skill)).job_id)
+        told.jobs.append((await teacher.workstation("ws1").execute(told.skill, mode="production")).job_id)
     for job_id in told.jobs[1:]:
         await teacher.follow(job_id, on="ws1", limit=LIMIT)
 

@@ -69,7 +69,7 @@ def test_the_whole_story_from_the_command_line(as_user: Run, files: list[str], t
     as_user("engineer", "recipes", "put", str(fine))
     assert as_user("mes", "recipes", "show", "fine")["time_step"] == 0.004
 
-    report = as_user("mes", "run", "plate", "--recipe", "fine", "--on", "ws1", "--follow")
+    report = as_user("mes", "run", "plate", "--recipe", "fine", "--on", "ws1", "--mode", "production", "--follow")
     assert (report["state"], report["mode"]) == ("Completed", "production")
     assert as_user("visitor", "jobs", "show", report["job_id"])["samples"] == report["samples"]
     assert report["job_id"] in [job["job_id"] for job in as_user("visitor", "jobs", "list", "--on", "ws1")]
@@ -93,7 +93,7 @@ def test_the_whole_story_from_the_command_line(as_user: Run, files: list[str], t
     as_user("engineer", "skills", "withdraw", "plate", "--on", "ws1")
     as_user("engineer", "skills", "retire", "plate", "--version", "1")
     as_user("engineer", "recipes", "delete", "fine")
-    assert "BadNotExecutable" in as_user("mes", "run", "plate", "--on", "ws1", status=1)
+    assert "BadNotExecutable" in as_user("mes", "run", "plate", "--on", "ws1", "--mode", "production", status=1)
 
 
 @pytest.mark.parametrize(

@@ -10,10 +10,11 @@ from asyncua import ua
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from library.description import Failure as StoredFailure
 from library.description import Recipe as StoredRecipe
 from models.demonstration import Demonstration
-from opcua_skill.client import Recipe, wire
-from opcua_skill.client.values import FAILURES, MODES
+from opcua_skill.client import Failure, Recipe, wire
+from opcua_skill.client.values import MODES
 
 
 def structures(name: str) -> type:
@@ -67,7 +68,8 @@ def test_errors_not_measured_are_not_zero() -> None:
 
 def test_modes_and_failures_have_the_order_of_the_interface() -> None:
     assert MODES == ("simulation", "test", "production")
-    assert (FAILURES[0], FAILURES[-1], len(FAILURES)) == ("None", "Internal", 21)
+    assert [one.value for one in Failure] == [one.value for one in StoredFailure]
+    assert not Failure.NONE and all(one for one in Failure if one is not Failure.NONE)
 
 
 def test_no_indices_are_still_an_array_of_uint32() -> None:

@@ -90,7 +90,7 @@ async def prepare(plant: "Plant") -> World:
         async with plant.sign_in("engineer-2") as other:
             await other.learn_to_the_end("own", PEOPLE, semantic_type="Gluing")
             own = await other.skill("own")
-        started = await engineer.workstation("ws1").execute("plate")
+        started = await engineer.workstation("ws1").execute("plate", mode="production")
         assert (await engineer.follow(started.job_id, on="ws1")).state == "Completed"
         [recipe] = await engineer.recipes("plate")
         await engineer.put_recipe(replace(recipe, recipe_id="far", frame=(2.5, 0.0, 0.1, 0.0, 0.0, 0.0, 1.0)))
@@ -319,7 +319,8 @@ ROLES = [
     row("an observer", "visitor", RUN, lambda s, w: running("plate", "", 2), DENIED),
     row("an observer", "visitor", f"{WS1}/AbortJob", lambda s, w: steering(w.job_id), DENIED),
     row("an observer", "visitor", f"{WS1}/Arm/ProtectiveStop", lambda s, w: {"Comment": text("")}, DENIED),
-    row("an operator, simulation", "mes", RUN, lambda s, w: running("plate", "", 0), DENIED),
+    row("an observer, simulation", "visitor", RUN, lambda s, w: running("plate", "", 0), DENIED),
+    row("an operator, test", "mes", RUN, lambda s, w: running("plate", "", 1), DENIED),
     row("a teacher, test", "teacher", RUN, lambda s, w: running("plate", "", 1), DENIED),
     row("own version", "engineer-2", APPROVE, lambda s, w: judging("own", 1, w.own_digest), DENIED),
 ]  # fmt: skip
@@ -355,7 +356,7 @@ async def test_a_motion_that_cannot_be_is_refused_with_failure_and_time_in_the_j
     mes = people["mes"]
     before = await what_is(world, mes.session)
     with pytest.raises(Refused) as refused:
-        await mes.workstation("ws1").execute("plate", recipe_id=recipe)
+        await mes.workstation("ws1").execute("plate", recipe_id=recipe, mode="production")
     assert refused.value.status == "BadOutOfRange"
     newest = (await mes.workstation("ws1").jobs())[0]
     assert (newest.state, newest.recipe_id) == ("Failed", recipe)
@@ -371,7 +372,7 @@ async def test_an_arm_locked_by_another_client_is_left_alone(world: World, peopl
     assert await owner.workstation("ws1").lock("setting up")
     before = await what_is(world, other.session)
     with pytest.raises(Refused) as refused:
-        await other.workstation("ws1").execute("plate")
+        await other.workstation("ws1").execute("plate", mode="production")
     assert refused.value.status == "BadLocked"
     assert await what_is(world, other.session) == before
     assert await owner.workstation("ws1").unlock()
@@ -384,7 +385,7 @@ async def test_a_full_queue_takes_no_more(people: dict[str, SkillClient]) -> Non
     try:
         with pytest.raises(Refused) as refused:
             for _ in range(10):
-                started.append((await slow.execute("plate", recipe_id="long")).job_id)
+                started.append((await slow.execute("plate", recipe_id="long", mode="production")).job_id)
         assert refused.value.status == "BadResourceUnavailable"
         assert 3 <= len(started) <= 4
     finally:
