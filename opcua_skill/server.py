@@ -24,6 +24,7 @@ from opcua_skill.jobs import ArmFactory, JobEngine, Station, ready_to_move
 from opcua_skill.jobs.station import model_of
 from opcua_skill.logs import Logs
 from opcua_skill.methods.audit import AuditMethods
+from opcua_skill.methods.checking import CheckingMethods
 from opcua_skill.methods.edits import EditMethods
 from opcua_skill.methods.homing import HomingMethods
 from opcua_skill.methods.library import LibraryMethods
@@ -34,6 +35,7 @@ from opcua_skill.methods.sessions import SessionMethods
 from opcua_skill.methods.values import audit_value
 from opcua_skill.methods.workstation import WorkstationMethods
 from opcua_skill.nodes.audit import add_audit
+from opcua_skill.nodes.checking import add_checking
 from opcua_skill.nodes.edits import add_edits
 from opcua_skill.nodes.homing import add_homing
 from opcua_skill.nodes.library import add_library
@@ -202,7 +204,7 @@ class SkillServerApp:
         methods = LibraryMethods(self.library, self.jobs, settings, self._tidings)
         self._methods = methods
         largest = self.server.stack_limits.largest_message
-        await add_library(self._tree, methods, settings.limits, largest, self.insecure)
+        await add_library(self._tree, methods, settings.limits, largest, self.insecure, settings.four_eyes)
         await add_edits(self._tree, EditMethods(self.library, self.jobs, settings))
         await add_audit(self._tree, AuditMethods(self.library))
         iserver = self.server.iserver
@@ -236,6 +238,7 @@ class SkillServerApp:
 
         methods = WorkstationMethods(self.library, self.jobs, station, lock, self.settings, self._tidings, lock_changed)
         skills = await add_workstation(self._tree, settings, station.model, methods)
+        await add_checking(self._tree, name, CheckingMethods(self.jobs, station))
         await add_homing(self._tree, name, HomingMethods(self.jobs, station, lock))
         await add_queue(self._tree, name, QueueMethods(station, lock))
         await self._show_deployed(name, skills)

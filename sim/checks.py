@@ -24,6 +24,7 @@ TIMINGS = ("demonstrated", "constant_speed", "time_optimal")
 OF_THE_LIMIT = "of the limit"
 SINGULAR = 0.03
 HIGHEST_LIFT = 0.5
+LARGEST_PART = 5.0
 UNIT = 1e-3
 POSTURE_JUMP = 0.5
 # In degrees: from what lean on an arm of few axes tells that it cannot hold the nozzle so, and refuses.
@@ -103,6 +104,10 @@ def check_order(order: "MotionOrder") -> list[Finding]:
     need("largest deviation", order.max_deviation, 0.0, 1.0, "from 0 (not watched) to 1 m")
     need("chord tolerance", order.chord_tolerance, 1e-6, 1.0, "from 0.001 mm to 1 m")
     need("blend radius", order.blend_radius, 0.0, 0.1, "from 0 m to 0.1 m")
+    for name, value in (("part's x", order.part_x), ("part's y", order.part_y)):
+        need(name, value, -LARGEST_PART, LARGEST_PART, f"from {-LARGEST_PART:g} m to {LARGEST_PART:g} m")
+    for name, value in (("part's length", order.part_length), ("part's width", order.part_width)):
+        need(name, value, 0.0, LARGEST_PART, f"from 0 (not known) to {LARGEST_PART:g} m")
     need("tube", order.tube_sigmas, 0.0, 100.0, "from 0 (not watched) to 100 standard deviations")
     if order.nozzle_turn not in NOZZLE_TURNS:
         found.append(invalid("nozzle turn", repr(order.nozzle_turn), f"one of {', '.join(NOZZLE_TURNS)}"))

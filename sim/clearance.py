@@ -20,6 +20,7 @@ from sim.kinematics import kinematics
 MARGIN = 5e-3
 PART_BORDER = 0.02
 AT_THE_TIP = 2e-3
+Plate = tuple[float, float, float, float]
 GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 SECTIONS = 28
 
@@ -54,14 +55,17 @@ class Nearest:
     row: int
 
 
-def part_box(points: Floats, frame: Pose, table_height: float) -> Box:
-    """Return the part with what it lies on: below the part's plane, 20 mm around the path, down to the table.
+def part_box(points: Floats, frame: Pose, table_height: float, plate: Plate | None = None) -> Box:
+    """Return the part with what it lies on: below the part's plane, as large as the plate, down to the table.
 
-    ``points`` (n, 3) are the nozzle tip's on the path, in the base frame.
+    ``plate`` is x y of its corner, length and width in m in the part's frame. Where nobody said how large the part is,
+    it is taken to reach 20 mm around the path: ``points`` (n, 3), the nozzle tip's, in the base frame.
     """
     turn = Rotation.from_quat(frame[3:])
     local = turn.inv().apply(points - np.array(frame[:3]))
     low, high = local.min(axis=0) - PART_BORDER, local.max(axis=0) + PART_BORDER
+    if plate is not None:
+        low, high = np.array(plate[:2]), np.array(plate[:2]) + np.array(plate[2:])
     depth = max(0.01, frame[2] - table_height)
     middle = turn.apply([0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1]), -0.5 * depth]) + np.array(frame[:3])
     x, y, z = (float(value) for value in middle)

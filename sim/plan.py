@@ -15,7 +15,7 @@ from models.motion import Motion
 from sim import checks
 from sim.arm import ArmModel, Bools, Floats, Pose, Stage
 from sim.checks import Finding, MotionRefused
-from sim.clearance import Box, Cell, check_clearance, part_box
+from sim.clearance import Box, Cell, Plate, check_clearance, part_box
 from sim.holding import Holding, NozzleTurn, quaternions
 from sim.kinematics import kinematics
 from sim.path import ToolPath
@@ -49,7 +49,8 @@ class MotionOrder:
     ``chord_tolerance`` is the most by which straight lines between the samples may cut the path. Where constant speed
     is impossible in a corner, ``corners`` refuses the plan or slows down and tells where. ``blend_radius`` rounds
     corners. Where the skill carries the tool's orientation, ``nozzle_turn`` follows all of it (``shown``) or only the
-    nozzle's axis (``free``), which leaves a round nozzle's turn about that axis to the arm.
+    nozzle's axis (``free``), which leaves a round nozzle's turn about that axis to the arm. ``part_x`` to
+    ``part_width`` say how large the part is and where in its frame it begins (0 long or wide: nobody said).
     """
 
     time_step: float = 0.008
@@ -70,6 +71,17 @@ class MotionOrder:
     tube_sigmas: float = 0.0
     tube_policy: Literal["flag", "stop"] = "flag"
     nozzle_turn: NozzleTurn = "shown"
+    part_x: float = 0.0
+    part_y: float = 0.0
+    part_length: float = 0.0
+    part_width: float = 0.0
+
+    @property
+    def plate(self) -> Plate | None:
+        """The part as seen from above in its frame: x y of its corner, length and width, m; None: nobody said."""
+        if self.part_length > 0.0 and self.part_width > 0.0:
+            return (self.part_x, self.part_y, self.part_length, self.part_width)
+        return None
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,7 +195,7 @@ def plan_motion(
         raise MotionRefused([checks.invalid("path", f"{path.length * 1e3:.3f} mm long", "longer than 0.01 mm")])
     held = Holding(path, arm, order.nozzle_turn)
     surroundings = cell or Cell()
-    part = part_box(path.points(path.lengths), frame, surroundings.table_height)
+    part = part_box(path.points(path.lengths), frame, surroundings.table_height, order.plate)
     boxes = (surroundings.table(), part, *surroundings.fixtures)
     found = _home_blocked(arm, boxes)
     if found:

@@ -67,7 +67,7 @@ class Scene:
         self._joints = [index for index, kind in enumerate(kinds) if kind == pybullet.JOINT_REVOLUTE]
         first, last = plan.path_rows
         surroundings = cell or Cell()
-        self.part = part_box(plan.tool[first : last + 1], plan.order.frame, surroundings.table_height)
+        self.part = part_box(plan.tool[first : last + 1], plan.order.frame, surroundings.table_height, plan.order.plate)
         self._add(
             Box("table", (0.3, 0.0, surroundings.table_height - 0.02, 0, 0, 0, 1), (1.6, 1.4, 0.04)), TABLE_COLOUR
         )

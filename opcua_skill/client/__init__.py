@@ -1,6 +1,7 @@
 """The typed client of a skill server: command line, panel, demo and tests use it, and so may anybody else."""
 
 from opcua_skill.client.certificates import APPLICATION_URI, client_folder
+from opcua_skill.client.checking import Finding, RunCheck
 from opcua_skill.client.errors import (
     ClientError,
     NotSignedIn,
@@ -46,6 +47,7 @@ __all__ = [
     "DeployedModel",
     "Event",
     "Failure",
+    "Finding",
     "JobReport",
     "JobTrace",
     "JointTrace",
@@ -66,6 +68,7 @@ __all__ = [
     "RecordingView",
     "Recordings",
     "Refused",
+    "RunCheck",
     "ServerChanged",
     "Session",
     "Skill",

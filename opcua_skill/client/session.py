@@ -63,7 +63,7 @@ def private_key(pem: bytes) -> rsa.RSAPrivateKey:
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """An event as a client sees it: what kind, who, the sentence, how bad (1 to 1000), and its job, if any."""
+    """An event as a client sees it: what kind, who, the sentence, how bad (1 to 1000), its job and skill, if any."""
 
     kind: ua.NodeId
     source: str
@@ -71,6 +71,7 @@ class Event:
     severity: int
     job_id: str
     progress: float | None
+    skill_name: str = ""
 
 
 SESSION_ENDED = frozenset({ua.StatusCodes.BadSessionClosed, ua.StatusCodes.BadSessionIdInvalid})
@@ -316,7 +317,7 @@ class Session:
         base = ua.NodeId(ua.Int32(ObjectIds.BaseEventType))
         names = ["EventType", "SourceName", "Message", "Severity"]
         paths = [[ua.QualifiedName(name)] for name in names] + [
-            [ua.QualifiedName(name, self._types)] for name in ("JobId", "Progress")
+            [ua.QualifiedName(name, self._types)] for name in ("JobId", "Progress", "SkillName")
         ]
         clauses = [ua.SimpleAttributeOperand(base, path, AttributeIds.Value) for path in paths]
 
@@ -364,6 +365,7 @@ async def pump_events(subscription: Any, queue: "asyncio.Queue[Event]") -> None:
                 severity=int(fields["Severity"].Value or 0),
                 job_id=fields["JobId"].Value or "",
                 progress=fields["Progress"].Value,
+                skill_name=fields["SkillName"].Value or "",
             )
         )
 
@@ -378,7 +380,7 @@ def _can_be_sent(variant: ua.Variant) -> bool:
 
 def _wrong(name: str, variant: ua.Variant) -> WrongArgument:
     kind = variant.VariantType.name
-    article = "an" if kind[0] in "AEIO" else "a"
+    article = "an" if kind[0] in "AEIO" else "a"  # "a UInt32" begins with a consonant when it is said
     return WrongArgument(name, variant.Value, f"{article} {kind}{' array' if variant.is_array else ''}")
 
 

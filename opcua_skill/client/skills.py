@@ -73,6 +73,10 @@ class SkillClient:
         (told,) = await self.session.read(f"{LIBRARY}/Insecure")
         return tuple(str(words) for words in told or ())
 
+    async def four_eyes(self) -> bool:
+        """Return whether somebody else than who taught a version has to approve it."""
+        return bool((await self.session.read(f"{LIBRARY}/FourEyes"))[0])
+
     async def limits(self) -> Limits:
         """Return what one call may bring."""
         names = ("MaxDemonstrations", "MaxPointsPerDemonstration", "MaxQueuedJobs", "MaxMessageSize")

@@ -6,10 +6,21 @@ import numpy as np
 
 from models.demonstration import Floats
 from opcua_skill.client import wire
+from opcua_skill.client.checking import RunCheck, ask_check
 from opcua_skill.client.errors import WrongArgument
 from opcua_skill.client.recorder import Recorder
 from opcua_skill.client.session import Session
-from opcua_skill.client.values import MODES, ArmLinks, JobReport, JobTrace, JointTrace, Mode, QueueStatus, Started
+from opcua_skill.client.values import (
+    MODES,
+    ArmLinks,
+    JobReport,
+    JobTrace,
+    JointTrace,
+    Mode,
+    QueueStatus,
+    Recipe,
+    Started,
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,6 +88,10 @@ class Workstation:
             Mode=wire.int32(MODES.index(mode)),
         )
         return Started(job_id, state)
+
+    async def check(self, recipe: Recipe, version: int = 0) -> RunCheck:
+        """Have a run planned and checked without queueing it; ``version`` 0 is the one that a simulation would run."""
+        return await ask_check(self.session, self.path, recipe, version)
 
     async def pause(self, job_id: str, comment: str = "") -> str:
         """Pause a job; return its state."""

@@ -10,6 +10,7 @@ from library.store import SkillLibrary
 from models.motion import Trajectory
 from opcua_skill.arm_queue import ArmQueue, QueueStatus
 from opcua_skill.computations import DocumentRefused, PlanRefused
+from opcua_skill.jobs.checking import RunCheck, RunChecks
 from opcua_skill.jobs.execution import ExecutionJobs, Mode
 from opcua_skill.jobs.learning import LearningJobs, LearningOutcome, LearningRequest, Tell, TellVersion
 from opcua_skill.jobs.planning import Planning
@@ -43,6 +44,7 @@ class JobEngine:
         self._planning = planning or Planning(settings)
         self._learning = LearningJobs(library, settings, self.tell, tell_version, self.default_recipe)
         self._execution = ExecutionJobs(library, settings, self._planning, self.tell)
+        self._checks = RunChecks(self._execution, self._planning)
         self._warm_up: asyncio.Task[None] | None = None
         self.stations = {one.name: self._station(one, models[one.name]) for one in settings.workstations}
 
@@ -124,6 +126,10 @@ class JobEngine:
     async def execute(self, station_name: str, skill_name: str, recipe: Recipe, mode: Mode, actor: str) -> JobReport:
         """Check a run completely, then queue it; see ``ExecutionJobs.execute``."""
         return await self._execution.execute(self.stations[station_name], skill_name, recipe, mode, actor)
+
+    async def check(self, station_name: str, recipe: Recipe, version: int) -> RunCheck:
+        """Plan a run without queueing it; see ``RunChecks.check``."""
+        return await self._checks.check(self.stations[station_name], recipe, version)
 
     async def plan_home(self, station: Station) -> MotionPlan | PlanRefused:
         """Plan the way from where an arm stands to where every run starts."""

@@ -19,6 +19,7 @@ from opcua_skill.settings import Settings
 from sim.plan import Finding
 
 Mode = Literal["simulation", "test", "production"]
+MODES: tuple[Mode, ...] = ("simulation", "test", "production")
 TEST_SPEED = 0.25
 TOLD_FINDINGS = 5
 
@@ -45,12 +46,10 @@ class ExecutionJobs:
         Raises QueueFull, NotExecutable, LacksAtomicSkill, MotionNotPossible, and the library's NotFound and Damaged.
         """
         lane = station.simulation if mode == "simulation" else station.lane
-        description = await self._version_for(station, skill_name, recipe, mode)
+        description = await self.version_for(station, skill_name, recipe, mode)
         if description.computed_digest() != description.model_digest:
             raise Damaged(f"{skill_name} version {description.version}", "its model is not the one its digest names")
-        missing = set(description.required_atomic_skills) - station.atomic_skills
-        if missing:
-            raise LacksAtomicSkill(f"{station.name} lacks the atomic skill {', '.join(sorted(missing))}")
+        self.check_equipment(station, description)
         if lane is station.lane:
             station.check_ready()
         self._room_on(lane)
@@ -87,6 +86,13 @@ class ExecutionJobs:
         lane.put(Order(report.job_id, planned, notes))
         return report
 
+    @staticmethod
+    def check_equipment(station: Station, description: SkillDescription) -> None:
+        """Raise LacksAtomicSkill if a station cannot do all that a skill is made of."""
+        missing = set(description.required_atomic_skills) - station.atomic_skills
+        if missing:
+            raise LacksAtomicSkill(f"{station.name} lacks the atomic skill {', '.join(sorted(missing))}")
+
     def _room_on(self, lane: Lane) -> None:
         if lane.waiting >= self._settings.limits.max_queued_jobs:
             raise QueueFull(f"{lane.waiting} jobs are waiting: try again when one has ended")
@@ -106,7 +112,7 @@ class ExecutionJobs:
         await self._tell(failed)
         return failed
 
-    async def _version_for(self, station: Station, skill_name: str, recipe: Recipe, mode: Mode) -> SkillDescription:
+    async def version_for(self, station: Station, skill_name: str, recipe: Recipe, mode: Mode) -> SkillDescription:
         """Return the version a run is of, or say why none may run in this mode."""
         await self._library.description(skill_name)
         deployed = await self._library.deployed(skill_name, station.name)

@@ -13,6 +13,10 @@ MOTION_PARAMETERS: dict[str, tuple[str, tuple[str, ...]]] = {
     "TubeSigmas": ("tube_sigmas", ()),
     "TubePolicy": ("tube_policy", ("flag", "stop")),
     "NozzleTurn": ("nozzle_turn", ("free", "shown")),
+    "PartX": ("part_x", ()),
+    "PartY": ("part_y", ()),
+    "PartLength": ("part_length", ()),
+    "PartWidth": ("part_width", ()),
 }
 MOTION_PARAMETER_RANGES = (
     Parameter(name="BlendRadius", description="rounds corners", unit="m", default=0.0, minimum=0.0, maximum=0.1),
@@ -37,6 +41,15 @@ MOTION_PARAMETER_RANGES = (
         name="NozzleTurn",
         description="where the tool's orientation was shown, its turn about its own axis: shown or free",
         default="shown",
+    ),
+    *(
+        Parameter(name=name, description=told, unit="m", default=0.0, minimum=least, maximum=5.0)
+        for name, told, least in (
+            ("PartX", "where the part begins in its frame, along x", -5.0),
+            ("PartY", "where the part begins in its frame, along y", -5.0),
+            ("PartLength", "how long the part is along x; 0: not known, 20 mm around the path are kept clear", 0.0),
+            ("PartWidth", "how wide the part is along y; 0: not known, 20 mm around the path are kept clear", 0.0),
+        )
     ),
 )
 

@@ -15,6 +15,7 @@ from opcua_skill.computations import (
     write_trace,
 )
 from opcua_skill.jobs.motion_parameters import motion_order
+from opcua_skill.jobs.run_card import RunCard, run_card
 from opcua_skill.jobs.station import Station
 from opcua_skill.run import Order
 from opcua_skill.settings import Settings
@@ -66,6 +67,20 @@ class Planning:
             description.motion(),
             motion_order(recipe, speed_fraction),
             station.model,
+            description.model_digest,
+            recipe.recipe_id,
+            station.cell,
+            seconds=PLANNING_SECONDS,
+        )
+
+    async def card(self, station: Station, description: SkillDescription, recipe: Recipe) -> RunCard | PlanRefused:
+        """Plan a run on a station's arm and return what an operator has to see of it."""
+        return await self._workers.run(
+            f"checking {description.name}",
+            run_card,
+            description.motion(),
+            motion_order(recipe, 1.0),
+            station.model.name,
             description.model_digest,
             recipe.recipe_id,
             station.cell,

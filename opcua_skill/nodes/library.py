@@ -3,6 +3,7 @@
 from collections.abc import Awaitable, Callable, Sequence
 from typing import Any
 
+from asyncua import ua
 from asyncua.ua.object_ids import ObjectIds
 
 from opcua_skill.methods.library import LibraryMethods
@@ -167,11 +168,12 @@ def specs(tree: Tree, methods: LibraryMethods) -> tuple[MethodSpec, ...]:
 
 
 async def add_library(
-    tree: Tree, methods: LibraryMethods, limits: Limits, largest_message: int, insecure: Sequence[str] = ()
+    tree: Tree, methods: LibraryMethods, limits: Limits, largest_message: int, insecure: Sequence[str], four_eyes: bool
 ) -> None:
     """Add the library to the Objects folder.
 
-    ``largest_message`` is what the server takes in one call, in bytes; ``insecure`` what its configuration weakens.
+    ``largest_message`` is what the server takes in one call, in bytes; ``insecure`` what its configuration weakens,
+    ``four_eyes`` whether who taught a version cannot approve it.
     """
     library = tree.object(
         PATH,
@@ -200,4 +202,6 @@ async def add_library(
     tree.property(f"{PATH}/LongestHold", library, number(0.0), description="s the event loop was held longest")
     tree.property(f"{PATH}/Holds", library, count(0), description="how often it was held for more than 20 ms")
     tree.property(f"{PATH}/FaultKinds", library, texts(()), description="the same, in one word each")
+    asked = ua.Variant(four_eyes, ua.VariantType.Boolean)
+    tree.property(f"{PATH}/FourEyes", library, asked, description="who taught a version cannot approve it")
     tree.property(f"{PATH}/Insecure", library, texts(insecure), description="what the configuration weakens, in words")

@@ -128,8 +128,8 @@ def build(sessions: Sessions) -> None:
     running = signed_in(run_page, "Run")
 
     @page_at("/run")
-    async def _run(request: Request, skill: str = "", version: str = "0") -> Response | None:
-        return await running(request, skill=skill, version=version_number(version))
+    async def _run(request: Request, skill: str = "", version: str = "0", recipe: str = "") -> Response | None:
+        return await running(request, skill=skill, version=version_number(version), recipe=recipe)
 
     recipes = signed_in(recipes_page, "Run")
 

@@ -26,9 +26,11 @@ class Figure:
     better: Literal["less", "more", ""] = ""
 
     def mark(self, here: Skill, other: Skill) -> Mark:
-        """Return whether ``other`` is better or worse than ``here``; 2 % is no difference."""
+        """Return whether ``other`` is better or worse than ``here``; 2 % is no difference, nor what cannot be read."""
         one, two = self.read(here), self.read(other)
-        if one is None or two is None or abs(two - one) <= SAME * max(abs(one), abs(two), 1e-9):
+        if one is None or two is None or self.said(one) == self.said(two):
+            return ""
+        if self.said(abs(two - one)) == self.said(0.0) or abs(two - one) <= SAME * max(abs(one), abs(two), 1e-9):
             return ""
         if not self.better:
             return "differs"
@@ -216,4 +218,33 @@ def since_before(words: Words, skill: Skill) -> list[str]:
         was, now = number(change.get("before")), number(change.get("now"))
         if was is not None and now is not None and abs(now - was) > SAME * max(abs(was), abs(now), 1e-9):
             told.append(f"{words(label)}: {words.figures(said(was))} → {words.figures(said(now))}")
+    return told
+
+
+def told_distance(now: Skill, before: Skill) -> tuple[float, float] | None:
+    """Return the largest distance in m between two versions' paths and where, as the report says; None: it does not.
+
+    The report's figure is the one truth: what a page would measure again would differ by how it is measured.
+    """
+    told = now.report.get("previous") or {}
+    apart = told.get("distance") or {}
+    if told.get("version") != before.version or "max" not in apart or apart.get("place") is None:
+        return None
+    return float(apart["max"]), float(apart["place"])
+
+
+def changes(words: Words, before: Skill, now: Skill) -> list[str]:
+    """Return what is different between two versions, a sentence a thing: how they were learned, and their figures."""
+    told = []
+    for label, read in (
+        ("Type", lambda one: one.semantic_type),
+        ("How to learn", lambda one: words(str(one.report.get("preset", "")))),
+    ):
+        was, is_now = read(before), read(now)
+        if was != is_now:
+            told.append(f"{words(label)}: {was} → {is_now}")
+    for figure in FIGURES:
+        was, is_now = figure.said(figure.read(before)), figure.said(figure.read(now))
+        if was != is_now:
+            told.append(f"{words(figure.label)}: {words.figures(was)} → {words.figures(is_now)}")
     return told

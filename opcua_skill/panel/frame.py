@@ -3,9 +3,10 @@
 No page has a modal dialog, and no list covers the header: a browser test presses Stop motion in every state.
 """
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from datetime import datetime
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,23 @@ LOST = (
 )
 STATIC = Path(__file__).parent / "static"
 REFRESH_EVERY = 0.25
+BEAT_EVERY = 0.5
+HEARTBEAT = """(() => {
+  let said = '', at = performance.now();
+  setInterval(() => {
+    const now = document.querySelector('[data-mark=beat]')?.textContent;
+    if (now !== said) { said = now; at = performance.now(); }
+    document.body.classList.toggle('panel-is-silent', performance.now() - at > 2500);
+  }, 250);
+})()"""
 PAGES = (("Library", "/"), ("Teach", "/teach"), ("Run", "/run"), ("Records", "/records"))
+SILENT = (
+    "The server does not answer. What you see here is old. Stop motion is still sent; until it is said to have "
+    "arrived, use the emergency stop of the machine."
+)
+PANEL_SILENT = (
+    "This page has lost the panel. What you see is old, and Stop motion does not arrive: use the emergency stop."
+)
 BACK_SHOWN = 20.0
 PRESSED = "(event) => { event.currentTarget.pressed = true; emit(); }"
 CLICKED = "(event) => { if (!event.currentTarget.pressed) emit(); event.currentTarget.pressed = false; }"
@@ -49,6 +66,23 @@ class Frame:
     way: str = ""
     refreshers: list[Callable[[], None]] = field(default_factory=list)
     left: bool = False
+
+    def gate(self, pressed: ui.button, why_not: Callable[[], str]) -> ui.button:
+        """Keep a button disabled while ``why_not`` gives a reason, and say it where a mouse or a reader asks."""
+
+        def show() -> None:
+            if pressed.is_deleted:
+                self.refreshers.remove(show)
+                return
+            reason = "" if self.session.live else self.words("no connection, or the server does not answer")
+            reason = reason or why_not()
+            if pressed.enabled != (not reason):
+                pressed.set_enabled(not reason)
+            if pressed.props.get("title", "") != reason:
+                pressed.props["title"] = reason
+
+        self.on_refresh(show)
+        return pressed
 
     def on_refresh(self, do: Callable[[], None]) -> None:
         """Have ``do`` called four times a second; it must only show what the session already knows."""
@@ -77,6 +111,11 @@ class Frame:
                 close_button=self.words("Close") if bad else False,
                 multi_line=True,
             )
+
+
+def title(text: str, level: int = 2) -> ui.label:
+    """Return a heading, for eyes and for screen readers."""
+    return ui.label(text).classes("sheet-title").props(f"role=heading aria-level={level}")
 
 
 def choose(
@@ -116,8 +155,9 @@ def framed(session: PanelSession, here: str, way: str = "") -> Frame:
     ui.colors(primary="#1f5fa8", secondary="#5b6b7b", accent="#1f5fa8", positive="#2e7d32", negative="#c62828")
     ui.query("html").props(f"lang={session.language}")
     ui.page_title(f"{words(here)} · opcua-skill")
+    title(words(here), 1).classes("only-read")
     with ui.header(wrap=False).classes("panel-header"):
-        with ui.element("nav").classes("panel-nav"):
+        with ui.element("nav").classes("panel-nav").props(f'aria-label="{words("Pages")}"'):
             for name, target in PAGES:
                 link = ui.link(words(name), target).classes("panel-link")
                 if name == here:
@@ -135,8 +175,38 @@ def framed(session: PanelSession, here: str, way: str = "") -> Frame:
         stop.on("click", lambda: _stop(frame, "button"), js_handler=CLICKED)
     _banners(frame)
     ui.keyboard(on_key=lambda key: _key(frame, key), ignore=[], repeating=False)
+    _heartbeat(frame)
+    _redraw_after_a_loss(frame)
     ui.timer(REFRESH_EVERY, lambda: _refresh(frame))
     return frame
+
+
+def _heartbeat(frame: Frame) -> None:
+    """Let the browser see for itself that this process lives: a page that nobody keeps up says so."""
+    words = frame.words
+    with ui.element("div").classes("banner banner-bad panel-silent").props("role=alert"):
+        ui.label(words(PANEL_SILENT)).classes("banner-main")
+    beat = ui.label("0").classes("unseen").props('data-mark="beat"')
+
+    def show() -> None:
+        beat.text = f"{time.monotonic() // BEAT_EVERY:.0f}"
+
+    frame.on_refresh(show)
+    ui.add_body_html(f"<script>{HEARTBEAT}</script>")
+
+
+def _redraw_after_a_loss(frame: Frame) -> None:
+    """Read everything anew once the server is back: only then it may be called true."""
+    session, seen = frame.session, frame.session.times_recovered
+
+    def look() -> None:
+        nonlocal seen
+        if session.times_recovered != seen and session.live:
+            seen = session.times_recovered
+            with frame.client:
+                ui.navigate.reload()
+
+    frame.refreshers.append(look)
 
 
 def _refresh(frame: Frame) -> None:
@@ -145,7 +215,7 @@ def _refresh(frame: Frame) -> None:
             frame.left = True
             ui.navigate.to(f"/sign-in?to={frame.way}")
         return
-    for do in frame.refreshers:
+    for do in list(frame.refreshers):
         do()
 
 
@@ -160,18 +230,24 @@ def _station_and_connection(frame: Frame) -> None:
             f'aria-label="{words("Workstation")}" bg-color=white'
         )
     with ui.element("div").classes("panel-state"):
-        arm = ui.label().classes("panel-arm").props('data-mark="arm-state"')
-        connection = ui.label().classes("panel-connection").props('data-mark="connection"')
+        arm = ui.label().classes("panel-arm").props('data-mark="arm-state" role=status')
+        connection = ui.label().classes("panel-connection").props('data-mark="connection" role=status')
 
     def show() -> None:
-        arm.text = f"{session.station_name}: {arm_words(words, session.station)}"
+        known = session.live and session.station.arm is not None
+        arm.text = f"{session.station_name}: {arm_words(words, session.station) if known else words('state unknown')}"
         arm.classes(toggle=None, remove="state-bad state-moving")
-        if stopped(session.station) or session.station.arm is None:
+        if stopped(session.station) or not known:
             arm.classes("state-bad")
         elif may_move(session.station):
             arm.classes("state-moving")
-        connection.text = f"● {words('connected')}" if session.connected else f"○ {words('NO CONNECTION')}"
-        connection.classes(remove="state-bad") if session.connected else connection.classes("state-bad")
+        if not session.connected:
+            connection.text = f"○ {words('NO CONNECTION')}"
+        elif session.silent:
+            connection.text = f"○ {words('NOT ANSWERING')}"
+        else:
+            connection.text = f"● {words('connected')}"
+        connection.classes(remove="state-bad") if session.live else connection.classes("state-bad")
 
     frame.on_refresh(show)
 
@@ -201,35 +277,39 @@ def _next_person(frame: Frame) -> None:
 
 def _banners(frame: Frame) -> None:
     session, words = frame.session, frame.words
-    with ui.element("div").classes("banner banner-bad").props('data-mark="lost"') as lost:
-        ui.label(words(LOST)).classes("banner-main")
+    with ui.element("div").classes("banner banner-bad").props('data-mark="lost" role=alert') as lost:
+        lost_text = ui.label().classes("banner-main")
         why = ui.label().classes("banner-why")
     with ui.element("div").classes("banner banner-bad").props('data-mark="insecure"') as insecure:
         ui.label(words("This server protects less than it should. Whoever runs it has configured that:"))
         weakened = ui.label().classes("banner-main")
-    with ui.element("div").classes("banner banner-good").props('data-mark="recovered"') as back:
+    with ui.element("div").classes("banner banner-good").props('data-mark="recovered" role=status') as back:
         back_text = ui.label()
-    with ui.element("div").classes("banner banner-bad").props('data-mark="stop-told"') as told:
+    with ui.element("div").classes("banner banner-bad").props('data-mark="stop-told" role=alert') as told:
         told_text = ui.label()
         ui.button(words("Close"), on_click=lambda: _heard(frame)).props("no-caps flat dense")
-    with ui.element("div").classes("banner banner-stop").props('data-mark="protective-stop"') as stop:
+    with ui.element("div").classes("banner banner-stop").props('data-mark="protective-stop" role=alert') as stop:
         stop_text = ui.label().classes("banner-main")
         reset = ui.button(words("Reset: the arm may move again"), on_click=lambda: _reset(frame)).props(
             "no-caps outline color=white dense"
         )
-    seen = {"recovered": session.times_recovered, "at": 0.0}
     session.kept.setdefault("stop told", "")
+    drawn_after = session.times_recovered
 
     def show() -> None:
-        lost.set_visibility(not session.connected)
+        lost.set_visibility(not session.live)
+        lost_text.text = words(SILENT if session.silent else LOST)
         weakened.text = "; ".join(words.said(one) for one in session.insecure)
         insecure.set_visibility(bool(session.insecure))
         why.text = words.said(session.why_not)
-        if session.times_recovered != seen["recovered"]:
-            seen["recovered"], seen["at"] = session.times_recovered, datetime.now().timestamp()
-            since = f"{words('The connection is back since')} {datetime.now():%H:%M:%S}"
-            back_text.text = f"✓ {since}. {words('What you see is true again.')}"
-        back.set_visibility(session.connected and datetime.now().timestamp() - seen["at"] < BACK_SHOWN)
+        since = session.recovered_at
+        if since is not None:
+            back_text.text = (
+                f"✓ {words('The connection is back since')} {since.astimezone():%H:%M:%S}. "
+                f"{words('All of this page was read anew: it is true again.')}"
+            )
+        recent = since is not None and (datetime.now(UTC) - since).total_seconds() < BACK_SHOWN
+        back.set_visibility(session.live and recent and drawn_after == session.times_recovered)
         told_text.text = str(session.kept["stop told"])
         told.set_visibility(bool(told_text.text))
         halted = stopped(session.station)
@@ -246,6 +326,11 @@ def _banners(frame: Frame) -> None:
 async def _stop(frame: Frame, by: str) -> None:
     session, words = frame.session, frame.words
     station = session.station_name
+    if not session.live:
+        session.kept["stop told"] = (
+            f"… {datetime.now():%H:%M:%S} {words('Stop motion is sent, no answer yet')}: {station}"
+        )
+        _refresh(frame)
     outcome = await session.stop_motion(station, f"{session.user} pressed Stop motion at the panel ({by})")
     if outcome.taken:
         session.kept["stop told"] = ""

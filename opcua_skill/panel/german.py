@@ -1,6 +1,8 @@
 """German for every word of the panel."""
 
-GERMAN: dict[str, str] = {
+from opcua_skill.panel.german_run import RUNNING
+
+GERMAN: dict[str, str] = RUNNING | {
     # where one is
     "Library": "Bibliothek",
     "Teach": "Zeigen",
@@ -43,7 +45,6 @@ GERMAN: dict[str, str] = {
         "Dieser Server schützt weniger, als er sollte. So hat ihn sein Betreiber eingerichtet:"
     ),
     "The connection is back since": "Die Verbindung besteht wieder seit",
-    "What you see is true again.": "Die Anzeige stimmt wieder.",
     "at rest": "in Ruhe",
     "moving": "bewegt sich",
     "paused on the path": "angehalten auf der Bahn",
@@ -116,11 +117,6 @@ GERMAN: dict[str, str] = {
     "Nothing is taken out": "Nichts ausgelassen",
     "not learned yet": "noch nicht gelernt",
     "as learned": "wie gelernt",
-    "Grey: demonstrations · orange: flagged · dotted: left out · blue: learned · ✕: struck · "
-    "red dashes: where the path is expected to go · grey dashes: before": (
-        "Grau: Vorführungen · orange: auffällig · gepunktet: ausgelassen · blau: gelernt · ✕: gestrichen · "
-        "rot gestrichelt: erwartete Bahn · grau gestrichelt: vorher"
-    ),
     "time": "Zeit",
     "learned path": "gelernte Bahn",
     "the path moved by at most": "die Bahn hat sich höchstens verschoben um",
@@ -198,10 +194,6 @@ GERMAN: dict[str, str] = {
     "Read the recipes": "Rezepte lesen",
     "Read the trace": "Aufzeichnung lesen",
     "Simulate": "Simulieren",
-    "Test, slow": "Test, langsam",
-    "Simulate moves nothing. Test runs at 25 % of full speed at most.": (
-        "Simulieren bewegt nichts. Test läuft mit höchstens 25 % der vollen Geschwindigkeit."
-    ),
     "Motion": "Bewegung",
     "Nothing runs here.": "Hier läuft nichts.",
     "Pause": "Pause",
@@ -209,7 +201,6 @@ GERMAN: dict[str, str] = {
     "Resume": "Weiter",
     "Abort": "Abbrechen",
     "Go to the start": "Zum Start fahren",
-    "Slowly, to where every run begins": "Langsam dorthin, wo jede Ausführung beginnt",
     "Speed override": "Geschwindigkeit",
     "waiting": "warten",
     "speed of the animation": "Geschwindigkeit der Wiedergabe",
@@ -244,15 +235,10 @@ GERMAN: dict[str, str] = {
     "0: as taught": "0: wie gezeigt",
     "Nozzle speed": "Tempo der Düse",
     "for constant speed": "für konstante Geschwindigkeit",
-    "Distance of the nozzle from the part": "Abstand der Düse vom Teil",
     "Approach from above": "Anfahren von oben",
     "Retract upwards": "Abheben nach oben",
     "Valve opens earlier by": "Ventil öffnet früher um",
-    "Largest distance from the path": "Größter Abstand von der Bahn",
     "0: not checked": "0: nicht geprüft",
-    "Part in the arm’s base": "Teil in der Basis des Arms",
-    "Rotation of the part": "Drehung des Teils",
-    "Parameters of the process": "Parameter des Prozesses",
     "allowed": "erlaubt",
     "Save": "Speichern",
     "Saved": "Gespeichert",
@@ -319,7 +305,6 @@ GERMAN: dict[str, str] = {
     "RMS": "RMS",
     "Read it": "Einlesen",
     "Record what I draw": "Gezeichnetes aufzeichnen",
-    "Reset and go to the start": "Quittieren und zum Start",
     "Retire": "Außer Dienst stellen",
     "Retire for good": "Endgültig außer Dienst stellen",
     "Role": "Rolle",
@@ -400,7 +385,6 @@ GERMAN: dict[str, str] = {
     "this is no exported skill, which is a JSON file": "das ist keine exportierte Fertigkeit (JSON-Datei)",
     "worse": "schlechter",
     "taken out by a person": "von einer Person herausgenommen",
-    "grey dashes: planned · blue: commanded · orange: measured": "grau gestrichelt: geplant · blau: Soll · orange: Ist",
     # why a job failed
     "None": "nichts",
     "ControlNotOwned": "Steuerung nicht übernommen",

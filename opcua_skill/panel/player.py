@@ -26,7 +26,11 @@ class Player(Element, component=STATIC / "player.js", esm={"panel-links": str(ST
             "speed": words("speed of the animation"),
             "away": words("measured from commanded"),
             "error": words("error (mm)"),
-            "play": words("Play"),
+            "play": words("▶ Play the replay"),
+            "hold": words("Hold the replay"),
+            "replay": words("REPLAY"),
+            "end": words("End the replay"),
+            "chart": words("Path of the nozzle"),
             "turn": words("Drag to turn, wheel or two fingers to zoom. The links are drawn as the checks see them."),
             "comma": words.figures("0.5")[1],
             "arm": words("Whole arm"),
@@ -50,14 +54,18 @@ class Player(Element, component=STATIC / "player.js", esm={"panel-links": str(ST
         """Show the arm as it is now: its joints in rad."""
         self.run_method("pose", np.round(joints, 5).tolist())
 
-    def load(self, job_id: str, trace: JobTrace, joints: JointTrace, *, play: bool) -> None:
-        """Show a run that has ended; without joints the arm is not drawn."""
+    def load(self, job_id: str, trace: JobTrace, joints: JointTrace, *, title: str, measured: str) -> None:
+        """Show a run that has ended, under its ``title``; it waits until somebody plays it.
+
+        Without joints the arm is not drawn; ``measured`` says what its numbers are: measured, or simulated.
+        """
         shown = spread(len(trace.times))
         self.run_method(
             "load",
             {
                 "job": job_id,
-                "play": play,
+                "title": title,
+                "measured_word": measured,
                 "times": np.round(trace.times[shown], 4).tolist(),
                 "commanded": np.round(1000.0 * trace.commanded[shown, :3], 3).tolist(),
                 "measured": np.round(1000.0 * trace.measured[shown, :3], 3).tolist(),

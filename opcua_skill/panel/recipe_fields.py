@@ -23,6 +23,10 @@ LABELS: Mapping[str, str] = {
     "TubeSigmas": "Width of the watched tube",
     "TubePolicy": "Outside the tube",
     "NozzleTurn": "Turn of the nozzle",
+    "PartX": "Part begins at x",
+    "PartY": "Part begins at y",
+    "PartLength": "Part long along x",
+    "PartWidth": "Part wide along y",
 }
 
 

@@ -34,6 +34,8 @@ RETRY_EVERY = 1.0
 WATCH_TIMEOUT = 4.0
 WORK_TIMEOUT = 40.0
 STOP_LIMIT = 3.0
+SILENT_AFTER = 1.5
+"""So long without an answer, in s, and what is shown is not called true any more."""
 KEPT_HAPPENINGS = 500
 SHOWN_JOBS = 50
 RIGHTS = {
@@ -110,8 +112,10 @@ class PanelSession:
     stations: dict[str, Station] = field(default_factory=dict)
     rights: frozenset[str] = frozenset()
     insecure: tuple[str, ...] = ()
+    four_eyes: bool = True
     happenings: deque[Happening] = field(default_factory=lambda: deque(maxlen=KEPT_HAPPENINGS))
     times_recovered: int = 0
+    recovered_at: datetime | None = None
     kept: dict[object, object] = field(default_factory=dict)
     locked_here: set[str] = field(default_factory=set)
 
@@ -122,6 +126,7 @@ class PanelSession:
         self._numbers = itertools.count(1)
         self._wake = asyncio.Event()
         self._jobs_due = 0.0
+        self._heard = 0.0
         self._on_close: list[Callable[[], None]] = []
 
     async def open(self) -> None:
@@ -150,6 +155,17 @@ class PanelSession:
         if self._work is None:
             raise Unreachable(f"no connection to {self.url}: {self.why_not or 'connecting'}")
         return self._work
+
+    @property
+    def silent(self) -> float:
+        """For how many seconds the server has not answered what it is asked all the time; 0 while it answers."""
+        quiet = time.monotonic() - self._heard
+        return quiet if self.connected and quiet > SILENT_AFTER else 0.0
+
+    @property
+    def live(self) -> bool:
+        """Whether what is shown is true now: connected, and the server answers."""
+        return self.connected and not self.silent
 
     @property
     def station(self) -> Station:
@@ -191,6 +207,7 @@ class PanelSession:
             names = await self._watch.workstations()
             await self._read_rights(names)
             self.insecure = await self._watch.insecure()
+            self.four_eyes = await self._watch.four_eyes()
         except BaseException as error:
             self._work = self._watch = None
             for client in opened:
@@ -202,6 +219,7 @@ class PanelSession:
         self.locked_here.clear()  # a lock ends with the connection that took it
         if self.station_name not in self.stations:
             self.station_name = names[0] if names else ""
+        self._heard = time.monotonic()
         self.connected, self.why_not = True, ""
 
     async def _read_rights(self, stations: list[str]) -> None:
@@ -238,6 +256,7 @@ class PanelSession:
                 try:
                     await self._connect()
                     self.times_recovered += 1
+                    self.recovered_at = datetime.now(UTC)
                 except ClientError as error:
                     self.why_not = str(error)
                     if isinstance(error, NotSignedIn) and error.wrong_user:
@@ -279,9 +298,11 @@ class PanelSession:
         for name in list(self.stations):
             station = watch.workstation(name)
             arm = await station.arm()
+            self._heard = time.monotonic()
             known = self.stations[name]
             jobs = tuple(await station.jobs(limit=SHOWN_JOBS)) if jobs_too or known.active else known.jobs
             self.stations[name] = Station(name, arm, jobs, await station.lock_state())
+            self._heard = time.monotonic()
             await self._keep_lock(name)
 
     async def _keep_lock(self, name: str) -> None:

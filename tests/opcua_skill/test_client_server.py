@@ -76,7 +76,7 @@ async def test_what_no_server_could_take_names_argument_and_choices(mes: SkillCl
     assert (mode.value.argument, mode.value.choices) == ("mode", ("simulation", "test", "production"))
     with pytest.raises(WrongArgument, match="SkillName is 7: it has to be a String"):
         await workstation.execute(7)  # type: ignore[arg-type]
-    with pytest.raises(WrongArgument, match="Limit is -1: it has to be an? UInt32"):
+    with pytest.raises(WrongArgument, match="Limit is -1: it has to be a UInt32"):
         await workstation.jobs(limit=-1)
     with pytest.raises(WrongArgument, match="SpeedOverride is 'slow': it has to be a Double"):
         await workstation.set_speed_override("slow")  # type: ignore[arg-type]

@@ -5,9 +5,15 @@ import math
 from nicegui import ui
 
 from opcua_skill.client import ClientError
-from opcua_skill.panel.frame import Frame, arm_words, stopped
+from opcua_skill.panel.frame import Frame, arm_words, stopped, title
+from opcua_skill.panel.modes import moves
 
 OURS = "You have this arm for yourself: nobody else can move it."
+ACKNOWLEDGE = (
+    "The arm stopped and waits. Look why, then reset: that moves nothing. After that, send it to the start: it never "
+    "goes there by itself."
+)
+HOMING = "the arm moves slowly to where every run begins. See that its way is free."
 FREE = "Nobody has this arm for themselves: whoever may, can run it."
 
 
@@ -18,7 +24,7 @@ class ArmSheet:
         self.frame, self.words, self.session = frame, frame.words, frame.session
         words = self.words
         with ui.element("div").classes("line"):
-            ui.label(words("Arm")).classes("sheet-title")
+            title(words("Arm"))
             ui.space()
             self.mode = ui.label().classes("small")
         self.tool = ui.label().classes("small mono").props('data-mark="tool"')
@@ -31,8 +37,12 @@ class ArmSheet:
             self.give.props('no-caps outline dense data-mark="give-lock"')
             self.broken = ui.button(words("Take it away from them"), icon="lock_open", on_click=self._break)
             self.broken.props('no-caps flat dense color=negative data-mark="break-lock"')
-            self.reset = ui.button(words("Reset and go to the start"), icon="restart_alt", on_click=self._reset)
-            self.reset.props('no-caps outline dense data-mark="reset-home"')
+        self.told = ui.label().classes("small").props('data-mark="arm-told"')
+        with ui.element("div").classes("line"):
+            self.reset = ui.button(words("Reset"), icon="restart_alt", on_click=self._reset)
+            self.reset.props('no-caps outline dense data-mark="reset-arm"')
+            self.home = ui.button(words("Go to the start"), icon="home", on_click=self._go_home)
+            self.home.props('no-caps outline dense data-mark="home"')
 
     def refresh(self) -> None:
         """Show arm and lock."""
@@ -54,7 +64,26 @@ class ArmSheet:
         self.take.set_visibility(session.may("lock") and not mine and not others)
         self.give.set_visibility(mine)
         self.broken.set_visibility(others and session.may("break lock"))
-        self.reset.set_visibility(stopped(station) and session.may("reset"))
+        halted = stopped(station)
+        self.reset.set_visibility(halted)
+        self.reset.set_enabled(session.live and session.may("reset"))
+        why = self._why_not_home()
+        self.home.set_enabled(not why)
+        self.told.text = words(ACKNOWLEDGE) if halted else f"{words('Go to the start')}: {why or words(HOMING)}"
+        for button in (self.take, self.give, self.broken):
+            button.set_enabled(session.live)
+
+    def _why_not_home(self) -> str:
+        session, words, station = self.session, self.words, self.session.station
+        if not session.live or station.arm is None:
+            return words("no connection, or the server does not answer")
+        if not session.may("run"):
+            return words("needs the role operator")
+        if any(moves(one) for one in station.active):
+            return words("something runs or waits here")
+        if station.lock is not None and station.lock.locked and not session.has_lock(station.name):
+            return f"{words('This arm is kept by')} {station.lock.user}"
+        return "" if station.arm.mode == "idle" else words("the arm is not at rest")
 
     async def _take(self) -> None:
         words, session = self.words, self.session
@@ -75,14 +104,17 @@ class ArmSheet:
         self.session.look_again()
 
     async def _reset(self) -> None:
-        """Acknowledge a stop and have the arm go slowly to where every run starts."""
-        session, workstation = self.session, self.session.client.workstation(self.session.station_name)
-        comment = f"{session.user} at the panel"
-
-        async def reset_and_go() -> None:
-            await workstation.reset(comment)
-            await workstation.go_home(comment)
-
-        if await self.frame.asked(self.words("Reset and go to the start"), reset_and_go):
+        """Acknowledge what stopped the arm; nothing moves by it."""
+        session = self.session
+        workstation = session.client.workstation(session.station_name)
+        if await self.frame.asked(self.words("Reset"), lambda: workstation.reset(f"{session.user} at the panel")):
             session.kept["stop told"] = ""
+        session.look_again()
+
+    async def _go_home(self) -> None:
+        """Have the arm go slowly to where every run starts."""
+        session = self.session
+        workstation = session.client.workstation(session.station_name)
+        comment = f"{session.user} at the panel"
+        await self.frame.asked(self.words("Go to the start"), lambda: workstation.go_home(comment))
         session.look_again()

@@ -7,7 +7,7 @@ from typing import Any
 from nicegui import ui
 
 from opcua_skill.client import AuditEntry, ClientError
-from opcua_skill.panel.frame import Frame
+from opcua_skill.panel.frame import Frame, title
 
 PAGE = 100
 LONGEST = 160
@@ -37,7 +37,7 @@ async def audit_page(frame: Frame) -> None:
     entries: list[AuditEntry] = []
     with ui.element("div").classes("sheet stack"):
         with ui.element("div").classes("line"):
-            ui.label(words("Audit trail")).classes("sheet-title")
+            title(words("Audit trail"))
             only = ui.checkbox(words("only what was refused")).props("dense")
             ins = ui.checkbox(words("sign-ins too")).props("dense")
             who = ui.input(placeholder=words("Who …")).props('dense outlined clearable data-mark="audit-who"')
@@ -47,7 +47,7 @@ async def audit_page(frame: Frame) -> None:
             ui.button(words("To the records"), on_click=lambda: ui.navigate.to("/records")).props("no-caps flat")
         refused = ui.label().classes("check-bad").props('data-mark="audit-refusal"')
         with (
-            ui.element("div").classes("scrolls"),
+            ui.element("div").classes("scrolls").props("tabindex=0"),
             ui.element("table").classes("panel-table jobs-table").props('data-mark="audit"') as table,
         ):
             pass

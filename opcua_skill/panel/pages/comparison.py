@@ -6,7 +6,8 @@ from nicegui import ui
 
 from opcua_skill.client import Path, Skill
 from opcua_skill.panel.chart import packed_path
-from opcua_skill.panel.comparing import FIGURES, Figure, checks
+from opcua_skill.panel.comparing import FIGURES, Figure, checks, told_distance
+from opcua_skill.panel.frame import title
 from opcua_skill.panel.review import largest_change
 from opcua_skill.panel.shown import mm, moment_of, percent, state_tag
 
@@ -49,12 +50,18 @@ class Comparison:
             return
         path, words = self.beside[version][1], self.words
         self.page.chart.overlay(other=packed_path(path))
-        away, where = largest_change(path, self.page.version.material.path)
+        away, where = self._apart_from(self.beside[version][0], path)
         self.page.judging.change.text = (
             f"┄ {words('version')} {version} ({words('green, dotted')}): "
             f"{words('at most')} {words.figures(mm(away))} {words('away')}, "
             f"{words('at')} {percent(where)} {words('of the way')}"
         )
+
+    def _apart_from(self, other: Skill, path: Path) -> tuple[float, float]:
+        """Return how far another version's path is away and where: as a report says it, where one does."""
+        here = self.page.version
+        told = told_distance(here.skill, other) or told_distance(other, here.skill)
+        return told or largest_change(path, here.material.path)
 
     def remove(self, version: int) -> None:
         """Take a version away again, and its path off the chart."""
@@ -69,7 +76,7 @@ class Comparison:
         self.sheet.set_visibility(bool(self.beside))
         others = [one for one, _ in self.beside.values()]
         with self.sheet:
-            ui.label(words("Versions side by side")).classes("sheet-title")
+            title(words("Versions side by side"))
             with ui.element("div").classes("scrolls"), ui.element("table").classes("panel-table"):
                 self._heads(here, others)
                 for figure in FIGURES:
@@ -122,7 +129,7 @@ class Comparison:
             with ui.element("td"):
                 ui.label("–")
             for one in others:
-                away, where = largest_change(self.page.version.material.path, self.beside[one.version][1])
+                away, where = self._apart_from(*self.beside[one.version])
                 with ui.element("td"):
                     ui.label(f"{words.figures(mm(away))} {words('at')} {percent(where)}").classes("mono")
 

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 from nicegui import ui
 
+from opcua_skill.panel.frame import title
 from opcua_skill.panel.shown import mm, percent
 
 if TYPE_CHECKING:
@@ -24,7 +25,7 @@ class DemonstrationList:
             key=lambda name: (name not in version.flagged, -float(errors.get(name, {}).get("max", 0.0))),
         )
         flagged = len(version.flagged)
-        ui.label(f"{len(names)} {words('demonstrations')}").classes("sheet-title")
+        title(f"{len(names)} {words('demonstrations')}")
         note = f"{flagged} {words('flagged')}" if flagged else words("none flagged")
         ui.label(f"{note} · {words('largest distance from the path and where, worst first')}").classes("small soft")
         self._rows: dict[str, tuple[ui.element, ui.checkbox, ui.button]] = {}

@@ -1,5 +1,6 @@
-"""The newest jobs of a workstation as a table: what each measured, to be played or taken away as CSV."""
+"""The newest jobs of a workstation as a table: what each measured, to be looked at again or taken away as CSV."""
 
+import math
 from collections.abc import Awaitable, Callable
 from dataclasses import replace
 
@@ -7,14 +8,22 @@ from nicegui import ui
 
 from opcua_skill.client import JobReport
 from opcua_skill.panel.frame import Frame
+from opcua_skill.panel.modes import mode_tag
+from opcua_skill.panel.pages.motion import told_of_run
 from opcua_skill.panel.shown import mm, moment, state_tag
 
 SHOWN_JOBS = 10
+HEADS = ("When", "Skill", "Recipe", "Mode", "State", "Measured from commanded: RMS / largest", "Record")
 
 
 def told_of(jobs: tuple[JobReport, ...]) -> str:
     """Return what is said of jobs, without what changes several times a second while one runs."""
     return repr([replace(one, progress=0.0) for one in jobs])
+
+
+def recorded(job: JobReport) -> bool:
+    """Whether there is a record of a run: of every one that began to move and has ended, however it ended."""
+    return job.ended and job.start_time is not None
 
 
 class JobTable:
@@ -23,8 +32,8 @@ class JobTable:
     def __init__(
         self,
         frame: Frame,
-        play: Callable[[str, bool], Awaitable[None]],
-        download: Callable[[str], Awaitable[None]],
+        play: Callable[[JobReport], Awaitable[None]],
+        download: Callable[[JobReport], Awaitable[None]],
     ) -> None:
         self.frame, self.words, self.play, self.download = frame, frame.words, play, download
         with ui.element("table").classes("panel-table jobs-table").props('data-mark="jobs"') as table:
@@ -40,8 +49,8 @@ class JobTable:
         self.table.clear()
         with self.table:
             with ui.element("tr"):
-                for head in ("When", "Skill", "Recipe", "Mode", "State", "Measured from commanded: RMS / largest", ""):
-                    with ui.element("th"):
+                for head in HEADS:
+                    with ui.element("th").props("scope=col"):
                         ui.label(words(head))
             for one in jobs[:SHOWN_JOBS]:
                 self._row(one)
@@ -52,29 +61,30 @@ class JobTable:
     def _row(self, one: JobReport) -> None:
         words = self.words
         with ui.element("tr"):
-            for cell in (
-                moment(one.start_time),
-                f"{one.skill_name} {one.skill_version}",
-                one.recipe_id,
-                words(one.mode),
-            ):
+            for cell in (moment(one.start_time), f"{one.skill_name} {one.skill_version}", one.recipe_id):
                 with ui.element("td"):
                     ui.label(cell)
+            with ui.element("td"):
+                ui.html(mode_tag(words, one.mode), sanitize=False)
             with ui.element("td").classes("wraps"):
                 ui.html(state_tag(words, one.state), sanitize=False)
-                if one.failure != "None":
-                    ui.label(f"{words(one.failure)}: {words.said(one.message)}").classes("small check-bad")
+                if one.failure:
+                    ui.label(f"{words(one.failure.value)}: {words.said(one.message)}").classes("small check-bad")
+                elif one.message:
+                    ui.label(told_of_run(words.said, one)).classes("small lines soft")
             with ui.element("td"):
                 rms, largest = one.tracking_error
-                ui.label(
-                    words.figures(f"{mm(rms, 3)} / {mm(largest, 3)}") if one.state == "Completed" else "–"
-                ).classes("mono")
+                known = recorded(one) and math.isfinite(rms)
+                ui.label(words.figures(f"{mm(rms, 3)} / {mm(largest, 3)}") if known else "–").classes("mono")
             with ui.element("td"):
-                if one.state == "Completed":
-                    with ui.element("div").classes("line").style("flex-wrap: nowrap"):
-                        ui.button(words("Play"), on_click=lambda: self.play(one.job_id, True)).props(
-                            'no-caps flat dense data-mark="play-run"'
-                        )
-                        ui.button("CSV", icon="download", on_click=lambda: self.download(one.job_id)).props(
-                            'no-caps flat dense data-mark="csv"'
-                        )
+                if recorded(one):
+                    self._record(one)
+
+    def _record(self, one: JobReport) -> None:
+        words, name = self.words, f"{one.skill_name} {moment(one.start_time)}"
+        with ui.element("div").classes("line").style("flex-wrap: nowrap"):
+            show = ui.button(words("Replay"), icon="history", on_click=lambda: self.play(one))
+            show.props('no-caps flat dense data-mark="play-run"').classes("replay-button")
+            show.props["aria-label"] = f"{words('Replay')} {name}"
+            save = ui.button("CSV", icon="download", on_click=lambda: self.download(one))
+            save.props('no-caps flat dense data-mark="csv"').props["aria-label"] = f"CSV {name}"

@@ -10,7 +10,8 @@ from nicegui import ui
 
 from opcua_skill.client import ClientError, Skill
 from opcua_skill.panel.comparing import FIGURES, IN_SHORT, against_paper, checks, since_before, spread
-from opcua_skill.panel.frame import choose
+from opcua_skill.panel.frame import choose, title
+from opcua_skill.panel.pages.approval import RunToApprove
 from opcua_skill.panel.shown import mm, percent, state_tag
 
 if TYPE_CHECKING:
@@ -34,17 +35,20 @@ class Judging:
             self.change = ui.label().classes("small").props('data-mark="change"')
             self._report()
         with ui.element("div").classes("sheet stack"):
+            self.run_card = RunToApprove(page, self.skill)
+        with ui.element("div").classes("sheet stack"):
+            title(self.words("Decide"))
             self.decide = ui.element("div").classes("stack")
             self.refresh()
         with ui.element("div").classes("sheet stack"):
-            ui.label(self.words("Versions")).classes("sheet-title")
+            title(self.words("Versions"))
             self.versions = ui.element("div").classes("stack").props('data-mark="versions"')
             ui.timer(0.05, self.read_versions, once=True)
 
     def _head(self) -> None:
         skill = self.skill
         with ui.element("div").classes("line"):
-            ui.label(f"{skill.name} · {self.words('version')} {skill.version}").classes("sheet-title")
+            title(f"{skill.name} · {self.words('version')} {skill.version}")
         with ui.element("div").classes("line"):
             self.tag = ui.html(state_tag(self.words, skill.state), sanitize=False).props('data-mark="state"')
             ui.label(skill.semantic_type).classes("soft")
@@ -75,7 +79,7 @@ class Judging:
 
     def refresh(self) -> None:
         """Offer what this person may do with this version in its state; say why something is not offered."""
-        words, session, skill = self.words, self.session, self.skill
+        words, skill = self.words, self.skill
         self.tag.content = state_tag(words, skill.state)
         self.decide.clear()
         with self.decide:
@@ -94,24 +98,39 @@ class Judging:
             target = f"/run?skill={name}&version={skill.version}"
             with ui.element("div").classes("line"):
                 ui.button(
-                    words("Try it in simulation"), icon="play_arrow", on_click=lambda: ui.navigate.to(target)
+                    words("Try it in simulation"),
+                    icon="play_arrow",
+                    on_click=lambda: ui.navigate.to(target + self.run_card.in_address),
                 ).props("no-caps outline dense")
                 ui.button(words("Recipes"), on_click=lambda: ui.navigate.to(f"/recipes?skill={name}")).props(
                     "no-caps flat dense"
                 )
             self._keep_or_retire()
+
+    @property
+    def _own(self) -> bool:
+        """Whether this person taught the version, at a server where four eyes are asked for."""
+        taught = (self.skill.document.get("provenance") or {}).get("taughtBy")
+        return self.session.four_eyes and taught == self.session.user
+
+    def _why_not_judge(self, reason: str) -> str:
+        words, session = self.words, self.session
+        if not session.live:
+            return words("no connection, or the server does not answer")
         if not session.may("approve"):
-            with self.decide:
-                ui.label(words("Approving needs the role engineer.")).classes("small soft")
+            return words("Approving needs the role engineer.")
+        return "" if reason.strip() else words("Write a reason first: it is kept with the decision.")
 
     def _judge(self) -> None:
-        words, session = self.words, self.session
+        words = self.words
         comment = (
             ui.input(words("Reason, kept in the records"))
             .props("dense outlined")
             .classes("w-full")
             .props('data-mark="reason"')
         )
+        # what is being written stays when the page is drawn anew
+        comment.bind_value(self.page.version, "reason")
         self.refusal = ui.label().classes("check-bad small").props('data-mark="refusal"')
         unlearned = ui.label(words("Your edits are not part of this version: learn again first."))
         unlearned.classes("small check-bad").props('data-mark="unlearned"')
@@ -120,13 +139,23 @@ class Judging:
             yes = ui.button(
                 words("Approve"), icon="check", on_click=lambda: self._decided("approve", comment.value or "")
             )
-            yes.props("no-caps unelevated dense color=positive").props('data-mark="approve"').set_enabled(
-                session.may("approve")
-            )
+            yes.props("no-caps unelevated dense color=positive").props('data-mark="approve"')
             no = ui.button(words("Reject"), icon="close", on_click=lambda: self._decided("reject", comment.value or ""))
-            no.props("no-caps outline dense color=negative").props('data-mark="reject"').set_enabled(
-                session.may("approve")
-            )
+            no.props("no-caps outline dense color=negative").props('data-mark="reject"')
+        why = ui.label().classes("small").props('data-mark="why-judge"')
+
+        def offer() -> None:
+            reason = self._why_not_judge(comment.value or "")
+            why.text = reason
+            no.set_enabled(not reason)
+            own = words("who taught a version cannot approve it") if not reason and self._own else ""
+            yes.set_enabled(not reason and not own)
+            if own:
+                why.text = f"{words('Approve')}: {own}"
+
+        comment.on_value_change(offer)
+        self.offer = offer
+        offer()
         ui.label(f"{words('approves model')} {self.skill.model_digest.hex()[:12]}…").classes("small soft mono")
 
     async def _decided(self, what: str, comment: str) -> None:
@@ -235,6 +264,7 @@ class Judging:
 
         if not await self.page.frame.asked(self.words("Read the versions"), read):
             return
+        await self.run_card.compare(found)
         listed = [(one.version, one.state, one.document) for one in found]
         if listed == self.listed:
             return

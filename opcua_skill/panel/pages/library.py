@@ -6,7 +6,7 @@ from nicegui import ui
 from nicegui.events import UploadEventArguments
 
 from opcua_skill.client import ClientError, SkillSummary
-from opcua_skill.panel.frame import Frame, choose
+from opcua_skill.panel.frame import Frame, choose, title
 from opcua_skill.panel.shown import moment, state_tag
 
 STATES = ("Learned", "Approved", "Rejected", "Retired")
@@ -19,7 +19,7 @@ async def library_page(frame: Frame) -> None:
     words, session = frame.words, frame.session
     with ui.element("div").classes("sheet stack"):
         with ui.element("div").classes("line"):
-            ui.label(words("Skills")).classes("sheet-title")
+            title(words("Skills"))
             name = (
                 ui.input(placeholder=words("Name begins with …"))
                 .props("dense outlined clearable")
@@ -41,7 +41,10 @@ async def library_page(frame: Frame) -> None:
                     "no-caps outline dense"
                 )
         refused = ui.label().classes("check-bad").props('data-mark="import-refusal"')
-        with ui.element("table").classes("panel-table").props('data-mark="skills"') as table:
+        with (
+            ui.element("div").classes("scrolls").props("tabindex=0"),
+            ui.element("table").classes("panel-table").props('data-mark="skills"') as table,
+        ):
             pass
         nothing = ui.label().classes("soft")
 
@@ -89,7 +92,7 @@ async def library_page(frame: Frame) -> None:
         with table:
             with ui.element("tr"):
                 for head in ("Skill", "Type", "Version", "State", "Taught by", "When", "Runs on"):
-                    with ui.element("th"):
+                    with ui.element("th").props("scope=col"):
                         ui.label(words(head))
             for one in found:
                 row(one)
@@ -119,7 +122,7 @@ async def library_page(frame: Frame) -> None:
         if newest != seen["last"]:
             fresh = [one.event for one in session.happenings if one.number > seen["last"]]
             seen["last"] = newest
-            if any(event.source == "SkillLibrary" or "deployed" in event.message for event in fresh):
+            if any(event.skill_name and not event.job_id for event in fresh):
                 await find()
 
     ui.timer(0.5, look)

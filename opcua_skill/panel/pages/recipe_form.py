@@ -7,6 +7,7 @@ from typing import Any
 from nicegui import ui
 
 from opcua_skill.client import ClientError, Recipe, Refused
+from opcua_skill.panel.card import cannot_run, in_short
 from opcua_skill.panel.frame import Frame, choose
 from opcua_skill.panel.recipe_fields import (
     FIELDS,
@@ -21,6 +22,7 @@ from opcua_skill.panel.recipe_fields import (
     quaternion,
     turned,
 )
+from opcua_skill.panel.shown import seconds
 
 TIMINGS = {"demonstrated": "as demonstrated", "constant_speed": "constant speed", "time_optimal": "as fast as allowed"}
 CHOICE_WORDS = {
@@ -87,20 +89,33 @@ class RecipeForm:
                         str(one.parameters.get(name, default)),
                         label=words(label),
                     )
+        saved = ui.label().classes("lines").props('data-mark="recipe-checked" role=status')
+        name, (good, told) = self.session.kept.get("checked recipe", ("", (True, "")))  # type: ignore[misc]
+        if name == one.recipe_id:
+            saved.text = told
+            saved.classes("check-good" if good else "check-bad")
         self.wrong = ui.label().classes("check-bad").props('data-mark="recipe-refusal"')
         with ui.element("div").classes("line"):
-            ui.button(words("Save"), on_click=self.save).props(
+            keep = ui.button(words("Save and check"), on_click=self.save).props(
                 'no-caps unelevated data-mark="save-recipe"'
-            ).set_enabled(may)
-            ui.button(words("Default values"), on_click=self.default).props(
+            )
+            back = ui.button(words("Default values"), on_click=self.default).props(
                 'no-caps outline data-mark="defaults"'
-            ).set_enabled(may)
-            ui.button(words("Delete"), on_click=self.delete).props("no-caps flat color=negative").set_enabled(may)
+            )
+            delete = ui.button(words("Delete …"), on_click=lambda: sure.set_visibility(True))
+            delete.props("no-caps flat color=negative")
+            for button in (keep, back, delete):
+                frame.gate(button, lambda: "" if may else words("Changing recipes needs the role engineer."))
             note = "Another name makes a new recipe." if may else "Changing recipes needs the role engineer."
             ui.label(words(note)).classes("small soft")
+        with ui.element("div").classes("asked line").props('data-mark="sure-delete"') as sure:
+            ui.label(f"{words('Delete this recipe for good?')} {one.recipe_id}")
+            ui.button(words("Yes, delete"), on_click=self.delete).props("no-caps outline color=negative")
+            ui.button(words("No"), on_click=lambda: sure.set_visibility(False)).props("no-caps flat")
+        sure.set_visibility(False)
 
     def _part(self, title: str) -> None:
-        ui.label(self.words(title)).classes("form-title")
+        ui.label(self.words(title)).classes("form-title").props("role=heading aria-level=3")
 
     def _number(self, field: Field, stored: float, label: str = "") -> None:
         words = self.words
@@ -175,8 +190,23 @@ class RecipeForm:
         except ClientError as error:
             self._refused(error)
             return
-        self.frame.tell(f"{words('Saved')}: {self.name.value}")
-        await self.read((self.name.value or "").strip())
+        name = (self.name.value or "").strip()
+        self.session.kept["checked recipe"] = (name, await self._checked())
+        await self.read(name)
+
+    async def _checked(self) -> tuple[bool, str]:
+        """Have the recipe that was saved checked by the server, and say in a line whether it can run."""
+        words, station = self.words, self.session.station_name
+        try:
+            check = await self.session.client.workstation(station).check(self.edited())
+        except ClientError as error:
+            return False, f"⚠ {words('Saved, but it could not be checked')}: {words.said(error)}"
+        if not check.can_run:
+            why = "; ".join(words.said(one.text) for one in check.findings)
+            return False, f"⚠ {words('Saved, but on')} {station}: {cannot_run(words, check)}. {why}"
+        told = f"✓ {words('Saved. It can run on')} {station}: {seconds(check.facts['pathDuration'])}"
+        slow = "; ".join(in_short(words, one) for one in check.findings)
+        return True, words.figures(f"{told}{' · ' + slow if slow else ''}")
 
     def _refused(self, error: ClientError) -> None:
         name = field_at_fault(error)

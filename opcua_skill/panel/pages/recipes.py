@@ -7,7 +7,7 @@ from urllib.parse import quote
 from nicegui import ui
 
 from opcua_skill.client import Recipe
-from opcua_skill.panel.frame import Frame
+from opcua_skill.panel.frame import Frame, title
 from opcua_skill.panel.pages.recipe_form import RecipeForm
 
 
@@ -21,7 +21,7 @@ async def recipes_page(frame: Frame, skill: str = "") -> None:
 
     with ui.element("div").classes("columns recipe-columns"):
         with ui.element("div").classes("sheet stack"):
-            ui.label(f"{words('Recipes')} · {skill}").classes("sheet-title")
+            title(f"{words('Recipes')} · {skill}")
             listed = ui.element("div").classes("stack").props('data-mark="recipes"')
             ui.link(words("Back to the skill"), f"/skill/{quote(skill, safe='')}").classes("panel-link")
         form = ui.element("div").classes("sheet stack").props('data-mark="recipe-form"')

@@ -10,7 +10,7 @@ from nicegui import ui
 from models.demonstration import Demonstration
 from opcua_skill.client import ClientError
 from opcua_skill.client.recorder import Presses, Recorder, RecorderState
-from opcua_skill.panel.frame import Frame
+from opcua_skill.panel.frame import Frame, title
 from opcua_skill.panel.plate import Plate
 from opcua_skill.panel.strokes import appended
 
@@ -35,7 +35,7 @@ class RecorderSheet:
         self.counts: list[ui.label] = []
         words = self.words
         with ui.element("div").classes("line"):
-            ui.label(f"{words('Tracker at')} {self.station}").classes("sheet-title")
+            title(f"{words('Tracker at')} {self.station}")
             ui.space()
             self.sign = ui.label().classes("small").props('data-mark="recorder-state"')
         self.told = ui.label().classes("small soft").props('data-mark="recorder-told"')
@@ -46,8 +46,16 @@ class RecorderSheet:
             self.start_button.props('no-caps outline dense data-mark="record-start"')
             self.finish_button = ui.button(words("Finish"), icon="stop", on_click=self.finish)
             self.finish_button.props('no-caps outline dense data-mark="record-finish"')
-            self.discard_button = ui.button(words("Discard all"), icon="delete", on_click=lambda: self.discard(""))
+            self.discard_button = ui.button(
+                words("Discard all"), icon="delete", on_click=lambda: self.sure.set_visibility(True)
+            )
             self.discard_button.props('no-caps flat dense data-mark="record-discard"')
+        with ui.element("div").classes("asked line") as self.sure:
+            ui.label(words("Discard this recording for good? It cannot be brought back."))
+            yes = ui.button(words("Yes, discard"), on_click=self._discard_all)
+            yes.props('no-caps outline color=negative data-mark="record-discard-yes"')
+            ui.button(words("No"), on_click=lambda: self.sure.set_visibility(False)).props("no-caps flat")
+        self.sure.set_visibility(False)
         following = asyncio.create_task(self._follow(), name=f"panel follows the recorder of {self.station}")
         frame.client.on_delete(lambda: following.cancel())
 
@@ -179,6 +187,10 @@ class RecorderSheet:
         """End the recording, whoever feeds it."""
         if (state := self.state) is not None:
             await self.frame.asked(self.words("Finish"), lambda: self.recorder.finish(state.recording_id))
+
+    async def _discard_all(self) -> None:
+        self.sure.set_visibility(False)
+        await self.discard("")
 
     async def discard(self, name: str) -> None:
         """Forget one demonstration, or the whole recording."""

@@ -1,11 +1,13 @@
 """Records: what the server told since one signed in (audit events among it), and the jobs of every workstation."""
 
+import math
 import re
 from collections.abc import Iterable
 
 from nicegui import ui
 
-from opcua_skill.panel.frame import Frame
+from opcua_skill.panel.frame import Frame, title
+from opcua_skill.panel.modes import mode_tag
 from opcua_skill.panel.pages.jobs import told_of
 from opcua_skill.panel.session import Happening
 from opcua_skill.panel.shown import mm, moment, state_tag
@@ -32,18 +34,24 @@ async def records_page(frame: Frame) -> None:
     words, session = frame.words, frame.session
     with ui.element("div").classes("columns half-columns"):
         with ui.element("div").classes("sheet stack"):
-            ui.label(words("What happened since you signed in")).classes("sheet-title")
+            title(words("What happened since you signed in"))
             with ui.element("div").classes("line"):
                 only = ui.checkbox(words("only refusals, faults and stops")).props("dense")
                 ui.space()
                 ui.button(words("Audit trail"), icon="fact_check", on_click=lambda: ui.navigate.to("/audit")).props(
                     'no-caps outline data-mark="to-audit"'
                 )
-            with ui.element("table").classes("panel-table jobs-table").props('data-mark="events"') as events:
+            with (
+                ui.element("div").classes("scrolls").props("tabindex=0"),
+                ui.element("table").classes("panel-table jobs-table").props('data-mark="events"') as events,
+            ):
                 pass
         with ui.element("div").classes("sheet stack"):
-            ui.label(words("Jobs")).classes("sheet-title")
-            with ui.element("table").classes("panel-table jobs-table").props('data-mark="all-jobs"') as jobs:
+            title(words("Jobs"))
+            with (
+                ui.element("div").classes("scrolls").props("tabindex=0"),
+                ui.element("table").classes("panel-table jobs-table").props('data-mark="all-jobs"') as jobs,
+            ):
                 pass
     shown: dict[str, object] = {}
 
@@ -75,18 +83,20 @@ async def records_page(frame: Frame) -> None:
                     for job in station.jobs[:50]:
                         with ui.element("tr"):
                             name = f"{job.skill_name} {job.skill_version}"
-                            for cell in (moment(job.start_time), station.name, name, words(job.mode)):
+                            for cell in (moment(job.start_time), station.name, name):
                                 with ui.element("td"):
                                     ui.label(cell)
+                            with ui.element("td"):
+                                ui.html(mode_tag(words, job.mode), sanitize=False)
                             with ui.element("td").classes("wraps"):
                                 ui.html(state_tag(words, job.state), sanitize=False)
-                                if job.failure != "None":
-                                    ui.label(f"{words(job.failure)}: {words.said(job.message)}").classes(
+                                if job.failure:
+                                    ui.label(f"{words(job.failure.value)}: {words.said(job.message)}").classes(
                                         "small check-bad"
                                     )
                             with ui.element("td").classes("wraps"):
                                 rms, largest = job.tracking_error
-                                done = job.state == "Completed"
+                                done = math.isfinite(rms)
                                 ui.label(words.figures(f"{mm(rms, 3)} / {mm(largest, 3)}") if done else "–").classes(
                                     "mono"
                                 )

@@ -1,16 +1,18 @@
 """A skill's page: look at the demonstrations, take out what is wrong, learn again, judge, deploy."""
 
 import asyncio
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
+from urllib.parse import quote
 
 from nicegui import ui
 
 from models.demonstration import Edits
 from opcua_skill.client import Path, Skill
 from opcua_skill.panel.chart import ReviewChart, chart_data, packed_path, thinned
-from opcua_skill.panel.comparing import wrong
+from opcua_skill.panel.comparing import told_distance, wrong
 from opcua_skill.panel.frame import Frame, choose
 from opcua_skill.panel.pages.comparison import Comparison
 from opcua_skill.panel.pages.demonstrations import DemonstrationList
@@ -30,6 +32,7 @@ class Version:
     material: Material
     draft: Draft
     flagged: dict[str, str] = field(default_factory=dict)
+    reason: str = ""
 
     @property
     def verdicts(self) -> Mapping[str, Mapping[str, Any]]:
@@ -108,6 +111,8 @@ class SkillPage:
         self.place.clear()
         with self.place:
             self._build()
+            address = f"/skill/{quote(self.name, safe='')}?version={self.version.skill.version}"
+            ui.run_javascript(f"history.replaceState(history.state, '', {json.dumps(address)})")
         return True
 
     def _build(self) -> None:
@@ -280,7 +285,8 @@ class SkillPage:
         session.kept.pop(("draft", self.name, before.skill.version), None)
         self.ghost = before.material.path
         if await self.show(learned[0]):
-            away, where = largest_change(before.material.path, self.version.material.path)
+            measured = largest_change(before.material.path, self.version.material.path)
+            away, where = told_distance(self.version.skill, before.skill) or measured
             told = f"{words('Version')} {learned[0]}: {words('the path moved by at most')} {words.figures(mm(away))}"
             self.frame.tell(f"{told} ({words('at')} {percent(where)} {words('of the way')})")
             self.judging.tell_change(before.skill.version, away, where)
@@ -291,7 +297,7 @@ class SkillPage:
         if not fresh:
             return
         self.seen = self.session.happenings[0].number
-        mine = [one for one in fresh if one.message.startswith(f"{self.name} version ")]
+        mine = [one for one in fresh if one.skill_name == self.name]
         if mine and not self.busy:
             await self.judging.changed_elsewhere()
 

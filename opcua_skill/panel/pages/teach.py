@@ -10,7 +10,7 @@ from nicegui import ui
 
 from models.demonstration import Demonstration
 from opcua_skill.client import JobReport, LearningOptions
-from opcua_skill.panel.frame import Frame, choose
+from opcua_skill.panel.frame import Frame, choose, title
 from opcua_skill.panel.pages.recorder import RecorderSheet
 from opcua_skill.panel.pages.upload import UploadSheet
 from opcua_skill.panel.plate import Plate
@@ -28,6 +28,7 @@ class Taught:
 
     recordings: list[Demonstration] = field(default_factory=list)
     left_out: set[str] = field(default_factory=set)
+    discarded: tuple[list[Demonstration], set[str]] = field(default_factory=lambda: ([], set()))
     name: str = ""
     semantic_type: str = TYPES[0]
     preset: str = "recommended"
@@ -66,7 +67,7 @@ class TeachPage:
         with ui.element("div").classes("columns teach-columns"):
             with ui.element("div").classes("sheet stack"):
                 with ui.element("div").classes("line"):
-                    ui.label(words("Draw on the plate")).classes("sheet-title")
+                    title(words("Draw on the plate"))
                     size = f"{PLATE_MM[0]:.0f} × {PLATE_MM[1]:.0f} mm"
                     told = words("Each stroke is one demonstration: show the same movement three times or more.")
                     ui.label(f"{size}. {told}").classes("small soft")
@@ -91,14 +92,17 @@ class TeachPage:
     def _list(self) -> None:
         words = self.words
         with ui.element("div").classes("line"):
-            self.count = ui.label().classes("sheet-title").props('data-mark="count"')
+            self.count = title("").props('data-mark="count"')
             ui.space()
-            ui.button(words("Discard all"), on_click=self._clear).props("no-caps flat dense")
+            self.discard_all = ui.button(words("Discard all"), on_click=self._clear)
+            self.discard_all.props('no-caps flat dense data-mark="discard-all"')
+            self.bring_back = ui.button(words("Bring back"), icon="undo", on_click=self._bring_back)
+            self.bring_back.props('no-caps outline dense data-mark="bring-back"')
         self.listed = ui.element("div").classes("stack").style("max-height:24vh;overflow:auto;gap:0")
 
     def _learning(self) -> None:
         words, taught = self.words, self.taught
-        ui.label(words("Learn a skill")).classes("sheet-title")
+        title(words("Learn a skill"))
         name = ui.input(words("Name of the skill")).props('dense outlined data-mark="skill-name"').classes("w-full")
         name.bind_value(taught, "name").on_value_change(self._ready)
         kind = ui.input(words("What kind of skill"), autocomplete=TYPES).props("dense outlined").classes("w-full")
@@ -133,9 +137,18 @@ class TeachPage:
         self.show()
 
     def _clear(self) -> None:
+        self.taught.discarded = (list(self.taught.recordings), set(self.taught.left_out))
         self.taught.recordings.clear()
         self.taught.left_out.clear()
         self.show()
+
+    def _bring_back(self) -> None:
+        """Take back what was discarded at once; what has been shown since stays."""
+        recordings, left_out = self.taught.discarded
+        since, self.taught.recordings[:] = list(self.taught.recordings), recordings
+        self.taught.left_out |= left_out
+        self.taught.discarded = ([], set())
+        self._take(since)
 
     def _keep(self, name: str, used: bool) -> None:
         (self.taught.left_out.discard if used else self.taught.left_out.add)(name)
@@ -163,6 +176,7 @@ class TeachPage:
         if await self._follow(begin):
             taught.recordings.clear()
             taught.left_out.clear()
+            taught.discarded = ([], set())
 
     async def learn_from_recording(self) -> None:
         """Have a skill learned from what a tracker has shown; the recording stays until it is discarded."""
@@ -230,6 +244,8 @@ class TeachPage:
         taught = self.taught
         self.plate.show([(one, one.demonstration_id not in taught.left_out) for one in taught.recordings])
         self.count.text = f"{len(taught.used)} {self.words('demonstrations')}"
+        self.discard_all.set_enabled(bool(taught.recordings))
+        self.bring_back.set_visibility(bool(taught.discarded[0]))
         self.listed.clear()
         with self.listed:
             for one in taught.recordings:

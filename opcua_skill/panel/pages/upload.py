@@ -5,12 +5,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from nicegui import ui
-from nicegui.events import UploadEventArguments
+from nicegui.events import MultiUploadEventArguments
 
 from library.errors import ChoiceNeeded, LibraryError, ReaderError
 from library.readers import Choices, common_plane, onto_plane
 from models.demonstration import Demonstration
-from opcua_skill.panel.frame import Frame, choose
+from opcua_skill.panel.frame import Frame, choose, title
 from opcua_skill.panel.shown import mm
 from opcua_skill.panel.uploads import LARGEST, uploaded
 
@@ -33,21 +33,24 @@ class UploadSheet:
         self.frame, self.words, self.take, self.taken = frame, frame.words, take, taken
         self.refusals: dict[str, str] = {}
         words = self.words
-        ui.label(words("Upload recordings")).classes("sheet-title")
+        title(words("Upload recordings"))
         may = frame.session.may("learn")
-        upload = ui.upload(
+        self.chooser = ui.upload(
             label=words("CSV, motion capture, ROS bag … (drop here)"),
-            on_upload=self._given,
+            on_multi_upload=self._given,
             multiple=True,
             auto_upload=True,
             max_file_size=LARGEST,
+            on_rejected=lambda: self._refused(words("A file"), words("it is larger than 200 MB, or of no kind known")),
         )
-        upload.props('flat bordered data-mark="upload"').classes("w-full").set_enabled(may)
+        # one request, so that the order is that of the choice
+        self.chooser.props('flat bordered batch data-mark="upload"').classes("w-full").set_enabled(may)
+        self.files = ui.element("div").classes("stack").style("gap: 0").props('data-mark="files" role=status')
         with ui.element("div").classes("line"):
             told = words("as in the file")
             self.unit = choose({one: one or told for one in UNITS}, "", label=words("Unit")).classes("half")
             self.up = choose({one: one or told for one in AXES}, "", label=words("Up is")).classes("half")
-        self.wrong = ui.label().classes("check-bad small lines").props('data-mark="upload-refusal"')
+        self.wrong = ui.label().classes("check-bad small lines").props('data-mark="upload-refusal" role=alert')
         self.asking = ui.element("div").classes("stack").props('data-mark="upload-choice"')
         self.flat = ui.button(words("Lay into their plane (2-D)"), icon="layers", on_click=self._flatten)
         self.flat.props('no-caps outline dense data-mark="flatten"')
@@ -57,10 +60,19 @@ class UploadSheet:
         """Offer the plane while there are recordings in space."""
         self.flat.set_visibility(any(one.dimension == 3 for one in self.taken()))
 
-    async def _given(self, event: UploadEventArguments) -> None:
-        content = await event.file.read()
-        self._refused(event.file.name, "")
-        await self._read(event.file.name, content, Choices(unit=self.unit.value or "", up_axis=self.up.value or ""))
+    async def _given(self, event: MultiUploadEventArguments) -> None:
+        """Read files one after another, in the order in which they were chosen."""
+        self.chooser.reset()  # its own list would give a tick to whatever arrived, also to what cannot be read
+        self.files.clear()
+        choices = Choices(unit=self.unit.value or "", up_axis=self.up.value or "")
+        for file in event.files:
+            self._refused(file.name, "")
+            await self._read(file.name, await file.read(), choices)
+
+    def _file(self, sign: str, told: str) -> None:
+        """Add a line to the list of what became of the files."""
+        with self.files:
+            ui.label(f"{sign} {told}").classes("small lines " + ("check-good" if sign == "✓" else "check-bad"))
 
     async def _read(self, name: str, content: bytes, choices: Choices) -> None:
         try:
@@ -70,11 +82,12 @@ class UploadSheet:
             return
         except ReaderError as wrong:
             self._refused(name, self.words.said(wrong))
+            self._file("✕", f"{name}: {self.words('not taken')}")
             return
         self.take(found)
-        self.frame.tell(
-            "\n".join([f"{name}: {len(found)} {self.words('demonstrations')}", *map(self.words.said, gaps)])
-        )
+        self._file("✓", f"{name}: {len(found)} {self.words('demonstrations')}")
+        for gap in gaps:
+            self._file("⚠", self.words.said(gap))
         self.refresh()
 
     def _refused(self, name: str, sentence: str) -> None:

@@ -1,6 +1,12 @@
 """What server, library and jobs refuse or tell; and what goes wrong between panel and server."""
 
 LIBRARY = {
+    "there is no workstation {x} on this server: it has {x2}": (
+        "an diesem Server gibt es keinen Arbeitsplatz {x}: er hat {x2}"
+    ),
+    "{n} checks are waiting: try again when one has ended": (
+        "{n} Prüfungen warten: noch einmal versuchen, wenn eine fertig ist"
+    ),
     # the client's frame around the server's sentence
     "{method} was refused: {t} [{status}]": "{method} wurde abgelehnt: {t} [{status}]",
     "{method} was refused: {t} (argument {argument}) [{status}]": (

@@ -4,24 +4,26 @@
 import { echarts } from "nicegui-echart";
 import { links, seen } from "panel-links";
 
-const BLUE = "#1f5fa8", ORANGE = "#b45309", SOFT = "#9aa9b8", INK = "#5b6b7b", LINK = "#dde4eb", RIM = "#8a99a8";
+const BLUE = "#1f5fa8", ORANGE = "#b45309", VIOLET = "#7a1fa2", SOFT = "#9aa9b8", INK = "#5b6b7b", LINK = "#dde4eb", RIM = "#8a99a8";
 const PATHS = [[0, 1], [0, 2]], AXES = ["x (mm)", "y (mm)", "z (mm)"];
 
 export default {
-  template: `<div style="display:flex;flex-direction:column;gap:8px;width:100%">
+  template: `<div style="display:flex;flex-direction:column;gap:8px;width:100%" :class="{ 'replay-frame': length }">
+    <div v-if="length" class="replay-banner" data-mark="replay" role="status"><strong>{{ labels.replay }}</strong> <span>{{ title }}</span>
+      <button type="button" class="player-button replay-end" data-mark="end-replay" @click="begin(); $emit('closed', {})">{{ labels.end }}</button></div>
     <div style="position:relative;width:100%" :style="{height: height}">
-      <div ref="chart" style="position:absolute;inset:0" :style="{visibility: view === 'space' ? 'hidden' : 'visible'}"></div>
-      <canvas ref="space" style="position:absolute;inset:0;width:100%;height:100%;touch-action:none;cursor:grab" v-show="view === 'space'" data-mark="space"></canvas>
+      <div ref="chart" role="img" :aria-label="(length ? labels.replay + ' ' + title + ': ' : '') + labels.chart" style="position:absolute;inset:0" :style="{visibility: view === 'space' ? 'hidden' : 'visible'}"></div>
+      <canvas ref="space" role="img" :aria-label="labels.chart" style="position:absolute;inset:0;width:100%;height:100%;touch-action:none;cursor:grab" v-show="view === 'space'" data-mark="space"></canvas>
       <button type="button" v-show="view === 'space'" @click="whole = !whole; near = 1; drawSpace()" class="player-button" style="position:absolute;right:0;top:0;padding:0 12px" data-mark="whole">{{ whole ? labels.near : labels.arm }}</button></div>
-    <div style="display:flex;gap:10px;align-items:center;flex-wrap:nowrap">
-      <button ref="play" data-mark="play" type="button" @click="toggle" class="player-button" :disabled="!length" :aria-label="labels.play">{{ playing ? '❚❚' : '▶' }}</button>
+    <div v-show="length" class="replay-controls">
+      <button ref="play" data-mark="play" type="button" @click="toggle" class="player-button" :disabled="!length">{{ playing ? labels.hold : labels.play }}</button>
       <input ref="scrub" type="range" min="0" :max="length" step="any" v-model.number="at" @input="playing = false; mark()" class="player-scrub" :disabled="!length" :aria-label="labels.time">
       <select v-model.number="speed" class="player-speed" :aria-label="labels.speed"><option :value="0.25">×¼</option><option :value="1">×1</option><option :value="4">×4</option></select>
       <span style="font-variant-numeric:tabular-nums;min-width:112px;text-align:right">{{ figure(at, 2) }} / {{ figure(length, 2) }} s</span>
     </div>
-    <div style="font-size:13px;color:#5b6b7b;min-height:18px" ref="told">{{ told }}</div></div>`,
+    <div style="font-size:13px;min-height:18px" :style="{color: length ? '#7a1fa2' : '#5b6b7b'}" ref="told">{{ told }}</div></div>`,
   props: { labels: Object, height: String },
-  data() { return { playing: false, at: 0, length: 0, speed: 1, told: "", view: "paths", whole: true }; },
+  data() { return { playing: false, at: 0, length: 0, speed: 1, told: "", title: "", view: "paths", whole: true }; },
   async mounted() {
     await new Promise((done) => setTimeout(done, 0));
     this.run = null;
@@ -62,12 +64,12 @@ export default {
       this.length = run.times.length ? run.times[run.times.length - 1] : 0;
       this.at = 0;
       this.draw();
+      this.title = run.title; this.measured = run.measured_word; this.playing = false;
       this.$el.dataset.loaded = run.job;
-      if (run.play) { this.playing = false; this.toggle(); }
     },
     plan(points) { this.planned = points; if (!this.run) this.draw(); },
     look(view) { this.view = view; this.$el.dataset.view = view; this.$nextTick(() => this.draw()); }, // what is hidden has no size
-    begin() { this.run = null; this.playing = false; this.length = 0; this.at = 0; this.trail = []; this.told = ""; this.now = null; this.draw(); },
+    begin() { delete this.$el.dataset.loaded; this.run = null; this.title = ""; this.playing = false; this.length = 0; this.at = 0; this.trail = []; this.told = ""; this.now = null; this.draw(); },
     live(point) { if (this.run) return; this.trail.push(point); this.update(point); this.fit(); },
     pause() { this.playing = false; },
     toggle() {
@@ -96,7 +98,7 @@ export default {
     mark() {
       if (!this.run || !this.run.times.length) return;
       const i = this.index(), m = this.run.measured[i];
-      this.told = `x ${this.figure(m[0], 1)}  y ${this.figure(m[1], 1)}  z ${this.figure(m[2], 1)} mm · ${this.labels.away} ${this.figure(this.away(i), 3)} mm`;
+      this.told = `${this.labels.replay} · ${this.measured} · x ${this.figure(m[0], 1)}  y ${this.figure(m[1], 1)}  z ${this.figure(m[2], 1)} mm · ${this.labels.away} ${this.figure(this.away(i), 3)} mm`;
       this.update(m);
     },
     update(point) {
@@ -129,10 +131,10 @@ export default {
         series: [0, 1].flatMap((g) => [
           this.line("planned", g, this.run ? [] : cut(this.planned, g), { color: SOFT, width: 2, type: "dashed" }, 1),
           this.line("commanded", g, this.run ? cut(this.run.commanded, g) : [], { color: BLUE, width: 4, opacity: 0.45 }, 2),
-          this.line("measured", g, this.run ? cut(this.run.measured, g) : [], { color: ORANGE, width: 1.5 }, 3),
+          this.line("measured", g, this.run ? cut(this.run.measured, g) : [], { color: VIOLET, width: 1.5 }, 3),
           // single readings, not a line: between two of them nobody looked, and a line would seem to cut corners
           { id: `trail${g}`, type: "scatter", xAxisIndex: g, yAxisIndex: g, silent: true, animation: false, z: 3, symbolSize: 5, itemStyle: { color: ORANGE }, data: this.run ? [] : cut(this.trail, g) },
-          { id: `tip${g}`, type: "scatter", xAxisIndex: g, yAxisIndex: g, silent: true, animation: false, z: 9, symbolSize: 15, itemStyle: { color: ORANGE, borderColor: "white", borderWidth: 2 }, data: [] }]) }, { notMerge: true });
+          { id: `tip${g}`, type: "scatter", xAxisIndex: g, yAxisIndex: g, silent: true, animation: false, z: 9, symbol: this.run ? "emptyDiamond" : "circle", symbolSize: this.run ? 18 : 15, itemStyle: this.run ? { color: VIOLET, borderColor: VIOLET, borderWidth: 3 } : { color: ORANGE, borderColor: "white", borderWidth: 2 }, data: [] }]) }, { notMerge: true });
       this.fit();
     },
     drawTime() {
@@ -143,8 +145,8 @@ export default {
         xAxis: rows.map((g) => ({ ...this.axis(g === 3 ? `${this.labels.time} (s)` : "", g, false), min: 0, max: run ? this.length : 1, axisLabel: { show: g === 3, formatter: this.tick } })),
         yAxis: rows.map((g) => ({ ...this.axis(g === 3 ? this.labels.error : AXES[g], g, true), splitNumber: 3, scale: g < 3 })),
         series: rows.flatMap((g) => [
-          ...(g < 3 ? [this.line("commanded", g, over(run?.commanded, g), { color: BLUE, width: 4, opacity: 0.45 }, 2), this.line("measured", g, over(run?.measured, g), { color: ORANGE, width: 1.5 }, 3)]
-            : [this.line("error", g, run ? run.times.map((t, i) => [t, this.away(i)]) : [], { color: ORANGE, width: 1.5 }, 3)]),
+          ...(g < 3 ? [this.line("commanded", g, over(run?.commanded, g), { color: BLUE, width: 4, opacity: 0.45 }, 2), this.line("measured", g, over(run?.measured, g), { color: VIOLET, width: 1.5 }, 3)]
+            : [this.line("error", g, run ? run.times.map((t, i) => [t, this.away(i)]) : [], { color: VIOLET, width: 1.5 }, 3)]),
           { ...this.line("now", g, [], {}, 9), markLine: { silent: true, symbol: "none", animation: false, label: { show: false }, lineStyle: { color: INK, type: "solid" }, data: run ? [{ xAxis: this.at }] : [] } }]) }, { notMerge: true });
     },
     // The view in space: turned about the vertical and tipped, with equal scales, seen from far away.
@@ -211,7 +213,7 @@ export default {
         for (const p of arm.turning) { const [a, b] = px(p); c.beginPath(); c.arc(a, b, 3.5, 0, 7); c.fillStyle = "#1d2733"; c.fill(); }
       }
       this.$el.dataset.links = arm ? arm.capsules.length : 0;
-      if (this.run) { stroke(this.run.commanded, "rgba(31,95,168,0.45)", 4); stroke(this.run.measured, ORANGE, 1.5); } else stroke(this.planned, SOFT, 2, [6, 5]);
+      if (this.run) { stroke(this.run.commanded, "rgba(31,95,168,0.45)", 4); stroke(this.run.measured, VIOLET, 1.5); } else stroke(this.planned, SOFT, 2, [6, 5]);
       c.fillStyle = ORANGE;
       if (!this.run) for (const p of this.trail) { const [a, b] = px(p); c.beginPath(); c.arc(a, b, 2.5, 0, 7); c.fill(); }
       if (this.now) {
@@ -219,7 +221,8 @@ export default {
         const [x, y, z] = this.now;
         stroke([[x, y, 0], [x, y, z]], SOFT, 1, [3, 4]);
         const [a, b] = px(this.now);
-        c.beginPath(); c.arc(a, b, 6, 0, 7); c.fillStyle = ORANGE; c.fill(); c.lineWidth = 2; c.strokeStyle = "white"; c.stroke();
+        c.beginPath(); c.arc(a, b, 6, 0, 7);
+        if (this.run) { c.lineWidth = 3; c.strokeStyle = VIOLET; c.stroke(); } else { c.fillStyle = ORANGE; c.fill(); c.lineWidth = 2; c.strokeStyle = "white"; c.stroke(); }
       }
     },
     // For tests: where the chain of links puts the nozzle's tip, and where the record has it, mm.
