@@ -151,7 +151,7 @@ def _part(words: Words, check: RunCheck, corners: Floats) -> str:
     told = words("part") if known else words("kept clear: the recipe does not say how large the part is")
     return (
         f'<rect x="{left:.1f}" y="{up:.1f}" width="{right - left:.1f}" height="{low - up:.1f}" {look}/>'
-        f'<text x="{left + 4:.1f}" y="{low - 5:.1f}" class="card-soft">{escape(told)}</text>'
+        f'<text x="10" y="15" class="card-soft">{"▭" if known else "┈"} {escape(told)}</text>'
     )
 
 

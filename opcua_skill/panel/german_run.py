@@ -19,7 +19,6 @@ RUNNING: dict[str, str] = {
     "a simulation is under way": "eine Simulation läuft",
     "the arm waits for a reset": "der Arm wartet auf Quittierung",
     "something runs or waits here: see below": "hier läuft oder wartet etwas: siehe unten",
-    "something runs or waits here": "hier läuft oder wartet etwas",
     "Queue another …": "Weiteren Lauf einreihen …",
     "Queue another run? It begins by itself when its turn comes.": (
         "Weiteren Lauf einreihen? Er beginnt von selbst, wenn er an der Reihe ist."
@@ -31,6 +30,35 @@ RUNNING: dict[str, str] = {
     "no connection, or the server does not answer": "keine Verbindung, oder der Server antwortet nicht",
     "Jobs here": "Aufträge hier",
     "Record": "Aufzeichnung",
+    # the queue
+    "QUEUE HELD": "WARTESCHLANGE ANGEHALTEN",
+    "Release the queue": "Warteschlange freigeben",
+    "Hold the queue": "Warteschlange anhalten",
+    "since": "seit",
+    "by": "durch",
+    "arm": "Arm",
+    "server": "Server",
+    "a job was aborted": "ein Auftrag wurde abgebrochen",
+    "motion was stopped": "die Bewegung wurde gestoppt",
+    "a job failed": "ein Auftrag ist fehlgeschlagen",
+    "contact with the arm was lost": "der Kontakt zum Arm ging verloren",
+    "the arm stopped by itself, or stands where no job left it": (
+        "der Arm hat von selbst angehalten oder steht, wo ihn kein Auftrag gelassen hat"
+    ),
+    "paused at the arm itself, not from here": "am Arm selbst angehalten, nicht von hier",
+    "something was unfinished when the server ended": "etwas war unfertig, als der Server endete",
+    "somebody asked for it": "jemand hat darum gebeten",
+    "something moves, or is under way here": "hier bewegt sich etwas oder ist im Gange",
+    "When the queue is released, this begins at once": "Sobald die Warteschlange frei ist, beginnt sofort",
+    "Yes, release: it begins": "Ja, freigeben: es beginnt",
+    "The queue is held: a run waits there until somebody releases it.": (
+        "Die Warteschlange ist angehalten: ein Lauf wartet dort, bis jemand sie freigibt."
+    ),
+    "Nothing begins until somebody releases the queue. Before that: reset the arm if it waits for it, and send it to "
+    "the start (below, at the arm).": (
+        "Nichts beginnt, bis jemand die Warteschlange freigibt. Davor: den Arm quittieren, falls er darauf wartet, und "
+        "zum Anfang schicken (unten, beim Arm)."
+    ),
     # live and replay
     "LIVE": "LIVE",
     "nothing runs on the arm": "auf dem Arm läuft nichts",

@@ -22,6 +22,7 @@ from opcua_skill.client import (
     JobReport,
     LockReading,
     NotSignedIn,
+    QueueStatus,
     SkillClient,
     Unreachable,
 )
@@ -53,6 +54,7 @@ STATION_RIGHTS = {
     "run": "ExecuteSkill",
     "stop": "Arm/ProtectiveStop",
     "reset": "Arm/Reset",
+    "release": "Queue/ReleaseQueue",
     "lock": "Arm/Lock/InitLock",
     "break lock": "Arm/Lock/BreakLock",
     "record": "Recorder/StartRecording",
@@ -77,6 +79,7 @@ class Station:
     arm: ArmReading | None = None
     jobs: tuple[JobReport, ...] = ()
     lock: LockReading | None = None
+    queue: QueueStatus | None = None
 
     @property
     def active(self) -> tuple[JobReport, ...]:
@@ -301,7 +304,7 @@ class PanelSession:
             self._heard = time.monotonic()
             known = self.stations[name]
             jobs = tuple(await station.jobs(limit=SHOWN_JOBS)) if jobs_too or known.active else known.jobs
-            self.stations[name] = Station(name, arm, jobs, await station.lock_state())
+            self.stations[name] = Station(name, arm, jobs, await station.lock_state(), await station.queue())
             self._heard = time.monotonic()
             await self._keep_lock(name)
 

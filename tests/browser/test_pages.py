@@ -97,8 +97,11 @@ def test_each_workstation_is_chosen_and_stopped_by_itself(screens: Screens, tmp_
     choose("ws1")
     arm.get_by_text("ws1: at rest").wait_for()
     choose("ws2")
-    screen.marked("reset-home").click()
+    screen.marked("held").get_by_text("QUEUE HELD: protective stop, by engineer").wait_for()
+    screen.marked("reset-arm").click()
     arm.get_by_text("ws2: at rest").wait_for()
+    screen.page.locator("[data-mark='release-queue']:not([disabled])").click()
+    screen.marked("held").wait_for(state="hidden")
     choose("ws1")
 
 

@@ -1,14 +1,20 @@
 """The server dies and comes back: the panel says so, says that nothing is true meanwhile, and goes on by itself."""
 
+import os
+import signal
+import time
 from pathlib import Path
 from typing import Any
 
 import pytest
+from playwright.sync_api import expect
 
 from tests.browser.conftest import Screens
 from tests.browser.test_review import teach, wait_for_draft
 
 pytestmark = pytest.mark.browser
+LOADED = 3.0
+"""What a loaded machine may take on top, in s, to draw what the panel knows."""
 
 
 def test_a_killed_server_is_told_and_the_panel_recovers(plant: Any, screens: Screens, tmp_path: Path) -> None:
@@ -24,7 +30,7 @@ def test_a_killed_server_is_told_and_the_panel_recovers(plant: Any, screens: Scr
     screen.says("STOP MOTION DID NOT REACH ws1! Use the emergency stop")
     screen.picture("lost", tmp_path)
     plant.start()
-    screen.marked("recovered").get_by_text("The connection is back since").wait_for(timeout=60_000)
+    screen.marked("recovered").get_by_text("All of this page was read anew").wait_for(timeout=60_000)
     screen.page.locator("[data-mark='arm-state']", has_text="at rest").wait_for()
     wait_for_draft(screen, "samples struck (not learned yet)")
     told = screen.marked("stop-told")
@@ -33,6 +39,35 @@ def test_a_killed_server_is_told_and_the_panel_recovers(plant: Any, screens: Scr
     told.wait_for(state="hidden")
     screen.button("Learn again").click()
     screen.says(r"recovers · version 2")
+
+
+def test_a_server_that_does_not_answer_is_told_within_two_seconds(plant: Any, screens: Screens, tmp_path: Path) -> None:
+    screen = screens.sign_in("engineer", "/run")
+    screen.page.locator("[data-mark='connection']", has_text="connected").wait_for()
+    assert plant.process is not None
+    group = os.getpgid(plant.process.pid)
+    os.killpg(group, signal.SIGSTOP)
+    stopped = time.monotonic()
+    try:
+        screen.page.locator("[data-mark='connection']", has_text="NOT ANSWERING").wait_for()
+        assert time.monotonic() - stopped < 2.0 + LOADED
+        screen.page.locator("[data-mark='arm-state']", has_text="state unknown").wait_for()
+        screen.marked("lost").get_by_text("The server does not answer").wait_for()
+        for name in ("Pause", "Abort", "Go to the start", "Run"):
+            expect(screen.button(name)).to_be_disabled()
+        assert screen.marked("lost").get_attribute("role") == "alert"
+        expect(screen.page.locator(".stop-motion")).to_be_enabled()
+        screen.page.locator(".stop-motion").click()
+        screen.marked("stop-told").get_by_text("Stop motion is sent, no answer yet").wait_for()
+        screen.picture("silent", tmp_path)
+        screen.marked("stop-told").get_by_text("STOP MOTION DID NOT REACH ws1").wait_for()
+    finally:
+        os.killpg(group, signal.SIGCONT)
+    screen.page.locator("[data-mark='connection']", has_text="connected").wait_for(timeout=60_000)
+    screen.marked("protective-stop").wait_for()  # it arrived after all, late
+    screen.marked("reset-arm").click()
+    screen.page.locator("[data-mark='release-queue']:not([disabled])").click()
+    screen.marked("held").wait_for(state="hidden")
 
 
 def test_a_server_that_protects_less_than_it_should_is_seen_to(plant: Any, screens: Screens, tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """A skill's page in a real browser: strike, undo, leave out, learn again, judge."""
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -105,14 +106,22 @@ def test_nobody_approves_what_they_taught_and_both_browsers_see_the_approval(
     teach(plant, "four-eyes", "engineer")
     author = screens.sign_in("engineer", "/skill/four-eyes")
     author.chart()
-    author.button("Approve").click()
-    refusal = author.marked("refusal")
-    refusal.get_by_text("BadUserAccessDenied").wait_for()
+    author.page.get_by_label("Reason, kept in the records").fill("it is mine")
+    author.marked("why-judge").get_by_text("who taught a version cannot approve it").wait_for()
+    expect(author.button("Approve")).to_be_disabled()
     author.picture("refused", tmp_path)
     assert "Learned" in author.marked("state").inner_text()
 
     second = screens.sign_in("engineer-2", "/skill/four-eyes")
     second.chart()
+    second.marked("why-judge").get_by_text("Write a reason first").wait_for()
+    expect(second.button("Approve")).to_be_disabled()
+    card = second.marked("card")
+    card.get_by_role("img", name=re.compile("The run seen from above: Start x .* End x ")).wait_for()
+    for words in ("Start", "End", "valve opens", "nozzle speed", "It slows down nowhere."):
+        card.get_by_text(words).first.wait_for()
+    second.marked("since-approved").get_by_text("No version of this skill was approved before").wait_for()
+    second.picture("card", tmp_path)
     second.page.get_by_label("Reason, kept in the records").fill("path looked at, ends are right")
     second.button("Approve").click()
     second.page.locator("[data-mark='state']", has_text="Approved").wait_for()

@@ -34,6 +34,16 @@ async def approve_and_deploy(plant: Any, name: str) -> None:
         await client.deploy(name, skill.version, "ws1")
 
 
+def chosen(name: str) -> str:
+    """Return the run page with a skill and its own recipe chosen."""
+    return f"/run?skill={name}&recipe={name}-default"
+
+
+def run(screen: Screen) -> None:
+    """Press Run as soon as it can be had: one press, one run."""
+    screen.page.locator("[data-mark='run-production']:not([disabled])").click(timeout=60_000)
+
+
 def slow_down(plant: Any, fraction: float) -> None:
     """Let the arm take its time: on a busy machine nobody sees a run of six seconds begin, let alone pauses it."""
 
@@ -42,6 +52,11 @@ def slow_down(plant: Any, fraction: float) -> None:
             await client.workstation("ws1").set_speed_override(fraction)
 
     away_from_the_browser(ask)
+
+
+async def jobs_of(plant: Any) -> list[Any]:
+    async with plant.sign_in("visitor") as client:
+        return await client.workstation("ws1").jobs()
 
 
 async def newest_job(plant: Any) -> Any:
@@ -80,53 +95,53 @@ def test_three_strokes_are_learned_approved_by_another_and_run(
     teacher.button("Try it in simulation").click()
     teacher.page.wait_for_url("**/run**")
     teacher.says(r"Version 1 \(newest\)")
-    teacher.button("Run").click()
-    teacher.page.locator("[data-mark='refusal']", has_text="not deployed").wait_for()
+    teacher.marked("why-production").get_by_text("not deployed").wait_for()
+    expect(teacher.button("Run")).to_be_disabled()
     teacher.button("Simulate").click()
     teacher.page.wait_for_selector("[data-mark='player'][data-loaded^='run-']", timeout=60_000)
+    replay = teacher.marked("replay")
+    replay.get_by_text("simulated, nothing moved").wait_for()
+    expect(teacher.marked("play")).to_have_text("▶ Play the replay")  # it waits until somebody plays it
     teacher.picture("simulated", tmp_path)
+    teacher.marked("end-replay").click()
+    replay.wait_for(state="detached")
 
     away_from_the_browser(lambda: approve_and_deploy(plant, drawn))
-    operator = screens.sign_in("mes", f"/run?skill={drawn}")
+    operator = screens.sign_in("mes", chosen(drawn))
     operator.says(r"Version 1 \(deployed\)")
     slow_down(plant, 0.1)
     operator.page.locator("[data-mark='override-told']", has_text="10").wait_for()
     expect(operator.page.get_by_role("slider", name="Speed override")).to_have_attribute(
         "aria-valuenow", "10", timeout=PATIENCE
     )
-    operator.button("Run").click()
+    expect(operator.marked("run-simulation")).to_be_enabled(timeout=60_000)
+    operator.marked("why-test").get_by_text("needs the role engineer").wait_for()
+    operator.marked("run-production").dblclick()
     arm_says(operator, "moving")
+    assert len(away_from_the_browser(lambda: jobs_of(plant))) == 2, "one simulation and one run: two presses are one"
+    operator.marked("job-mode").get_by_text("PRODUCTION (AUTO)").wait_for()
     operator.button("Pause").click()
     arm_says(operator, "paused on the path")
     operator.picture("paused", tmp_path)
     operator.button("Go on").click()
     arm_says(operator, "moving")
-    slow_down(plant, 1.0)
-    operator.page.wait_for_selector("[data-mark='player'][data-loaded^='run-']", timeout=60_000)
-    arm_says(operator, "at rest")
     operator.picture("run", tmp_path)
+    slow_down(plant, 1.0)
+    arm_says(operator, "at rest")
+    operator.marked("jobs").get_by_text("Completed").nth(1).wait_for()
     job = away_from_the_browser(lambda: newest_job(plant))
     assert (job.mode, job.state) == ("production", "Completed")
     operator.go("/records").says("ExecuteSkill by mes: done")
     operator.picture("records", tmp_path)
 
 
-def go_to_the_start(plant: Any, screen: Screen) -> None:
-    """Bring the arm back to where every run starts, and let the next run begin."""
+def go_to_the_start(screen: Screen) -> None:
+    """Bring the arm back to where every run starts, and let the next job begin."""
     screen.page.locator("[data-mark='home']:not([disabled])").click()
     arm_says(screen, "moving")
     arm_says(screen, "at rest")
-    let_the_next_begin(plant)
-
-
-def let_the_next_begin(plant: Any) -> None:
-    """Release the queue, as somebody does who has looked."""
-
-    async def release() -> None:
-        async with plant.sign_in("mes") as client:
-            await client.workstation("ws1").release_queue("looked")
-
-    away_from_the_browser(release)
+    screen.page.locator("[data-mark='release-queue']:not([disabled])").click()
+    screen.marked("held").wait_for(state="hidden")
 
 
 def stop_and_reset(screen: Screen, *, by_key: bool = False) -> None:
@@ -142,28 +157,35 @@ def stop_and_reset(screen: Screen, *, by_key: bool = False) -> None:
 
 
 def test_stop_motion_is_in_reach_in_every_state(plant: Any, screens: Screens, drawn: str, tmp_path: Path) -> None:
-    screen = screens.sign_in("engineer", f"/run?skill={drawn}")
+    screen = screens.sign_in("engineer", chosen(drawn))
     screen.says(r"Version 1 \(deployed\)")
     slow_down(plant, 0.25)
     stop_and_reset(screen)
-    let_the_next_begin(plant)
+    screen.marked("release-queue").click()
 
-    screen.button("Run").click()
+    run(screen)
     arm_says(screen, "moving")
     screen.page.locator(".stop-motion").click()
     arm_says(screen, "protective stop")
+    screen.marked("held").get_by_text("QUEUE HELD: protective stop, by engineer").wait_for()
+    screen.marked("why-production").get_by_text("the arm waits for a reset").wait_for()
+    expect(screen.marked("release-queue")).to_be_disabled()
     screen.picture("stopped", tmp_path)
-    screen.button("Run").click()
-    screen.page.locator("[data-mark='refusal']", has_text="✕").wait_for()
     stop_and_reset(screen)
-    go_to_the_start(plant, screen)
+    screen.marked("release-queue").click()  # the arm is not where runs begin: the server says so
+    screen.says("Release the queue: .*BadInvalidState")
+    go_to_the_start(screen)
+    aborted = screen.marked("jobs").locator("tr", has_text="Aborted").first
+    aborted.get_by_text("Replay").click()
+    screen.marked("replay").get_by_text("measured on the arm").wait_for()
 
-    screen.button("Run").click()
+    run(screen)
     arm_says(screen, "moving")
+    screen.marked("replay").wait_for(state="detached")  # what is live goes before what was
     stop_and_reset(screen, by_key=True)
-    go_to_the_start(plant, screen)
+    go_to_the_start(screen)
 
-    screen.button("Run").click()
+    run(screen)
     arm_says(screen, "moving")
     screen.button("Pause").click()
     arm_says(screen, "paused")
@@ -178,15 +200,15 @@ def test_stop_motion_is_in_reach_in_every_state(plant: Any, screens: Screens, dr
     screen.page.wait_for_timeout(600)
     arm_says(screen, "at rest")
     slow_down(plant, 1.0)
-    go_to_the_start(plant, screen.go(f"/run?skill={drawn}"))
+    go_to_the_start(screen.go(chosen(drawn)))
 
 
 def test_a_finger_stops_the_arm_as_soon_as_it_presses(plant: Any, screens: Screens, drawn: str) -> None:
     for viewport in (TABLET_LYING, TABLET):
-        screen = screens.sign_in("mes", f"/run?skill={drawn}", viewport=viewport, **FINGERS)
+        screen = screens.sign_in("mes", chosen(drawn), viewport=viewport, **FINGERS)
         screen.says(r"Version 1 \(deployed\)")
         if viewport is TABLET_LYING:
-            screen.button("Run").tap()
+            screen.page.locator("[data-mark='run-production']:not([disabled])").tap(timeout=60_000)
             arm_says(screen, "moving")
         box = screen.page.locator(".stop-motion").bounding_box()
         assert box is not None
@@ -196,21 +218,21 @@ def test_a_finger_stops_the_arm_as_soon_as_it_presses(plant: Any, screens: Scree
         screen.hand.lift()
         screen.button("Reset: the arm may move again").tap()
         arm_says(screen, "at rest")
-    go_to_the_start(plant, screen)
+    go_to_the_start(screen)
 
 
 def test_who_has_the_arm_is_told_to_everybody_and_keeps_others_from_moving_it(
     plant: Any, screens: Screens, drawn: str, tmp_path: Path
 ) -> None:
-    mine = screens.sign_in("engineer", f"/run?skill={drawn}")
-    other = screens.sign_in("mes", f"/run?skill={drawn}")
+    mine = screens.sign_in("engineer", chosen(drawn))
+    other = screens.sign_in("mes", chosen(drawn))
     mine.says(r"Version 1 \(deployed\)")
     mine.marked("take-lock").click()
     mine.marked("lock").get_by_text("You have this arm for yourself").wait_for()
     other.marked("lock").get_by_text("This arm is kept by engineer (panel of engineer)").wait_for()
     other.says(r"Version 1 \(deployed\)")
-    other.button("Run").click()
-    other.page.locator("[data-mark='refusal']", has_text="locked by engineer").wait_for()
+    other.marked("why-production").get_by_text("This arm is kept by engineer").wait_for()
+    expect(other.marked("run-production")).to_be_disabled()
     other.picture("locked", tmp_path)
     mine.marked("give-lock").click()
     other.marked("lock").get_by_text("Nobody has this arm for themselves").wait_for()
@@ -219,27 +241,46 @@ def test_who_has_the_arm_is_told_to_everybody_and_keeps_others_from_moving_it(
 def test_jobs_queue_and_a_run_is_seen_in_space_over_time_and_as_csv(
     plant: Any, screens: Screens, drawn: str, tmp_path: Path
 ) -> None:
-    screen = screens.sign_in("engineer", f"/run?skill={drawn}")
+    screen = screens.sign_in("engineer", chosen(drawn))
     screen.says(r"Version 1 \(deployed\)")
     slow_down(plant, 0.1)
-    screen.button("Run").click()
+    run(screen)
     arm_says(screen, "moving")
-    screen.button("Run").click()
+    expect(screen.marked("run-production")).to_be_disabled()
+    for number in (1, 2):
+        screen.page.locator("[data-mark='queue-another']:not([disabled])").click()
+        screen.marked("asked-another").get_by_text("It begins by itself when its turn comes").wait_for()
+        screen.marked("queue-production").click()
+        screen.marked("queue").get_by_text(f"{number}. {drawn} 1 · production").wait_for()
     queue = screen.marked("queue")
-    queue.get_by_text(f"1. {drawn} 1 · production").wait_for()
+    queue.get_by_role("button").last.click()
+    queue.get_by_text(f"2. {drawn} 1 · production").wait_for(state="detached")
+    screen.button("Abort").click()
+    held = screen.marked("held")
+    held.get_by_text("QUEUE HELD: a job was aborted, by engineer").wait_for()
+    arm_says(screen, "at rest")
+    slow_down(plant, 1.0)
+    screen.page.locator("[data-mark='home']:not([disabled])")
+    screen.picture("held", tmp_path)
     queue.get_by_role("button").click()
     queue.get_by_text(f"1. {drawn} 1 · production").wait_for(state="detached")
+    go_to_the_start(screen)
     slow_down(plant, 1.0)
+    run(screen)
+    arm_says(screen, "moving")
+    arm_says(screen, "at rest")
+    screen.marked("jobs").get_by_text("Completed").first.wait_for()
+    screen.marked("play-run").first.click()
     screen.page.wait_for_selector("[data-mark='player'][data-loaded^='run-']", timeout=60_000)
     play = screen.marked("play")
     screen.page.get_by_label("speed of the animation").select_option("0.25")
-    if play.inner_text() == "▶":
-        play.click()
+    expect(play).to_have_text("▶ Play the replay")
+    play.click()
     screen.page.locator("body").click(position={"x": 5, "y": 300})
     screen.page.keyboard.press("Space")
-    play.get_by_text("▶").wait_for()
+    play.get_by_text("▶ Play the replay").wait_for()
     screen.page.keyboard.press("Space")
-    play.get_by_text("❚❚").wait_for()
+    play.get_by_text("Hold the replay").wait_for()
     screen.button("In space").click()
     space = screen.marked("space")
     space.wait_for()

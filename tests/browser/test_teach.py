@@ -33,7 +33,6 @@ def test_fingers_palm_and_pen_draw_whole_strokes_on_a_tablet(
 ) -> None:
     screen = screens.sign_in("teacher", "/teach", viewport=viewport, **FINGERS)
     screen.page.wait_for_selector("canvas.plate")
-    screen.button("Discard all").first.tap()
     screen.page.evaluate("scrollTo(0, 0)")
     hand, path = screen.hand, screen.on_plate(stroke(0.0))
     hand.drag(path)
@@ -65,7 +64,11 @@ def test_fingers_palm_and_pen_draw_whole_strokes_on_a_tablet(
     counted(screen, 3)
     assert screen.page.evaluate("[scrollY, visualViewport.scale]") == [0, 1], "drawing moves the stroke, not the page"
     screen.picture("tablet-lying" if viewport is TABLET_LYING else "tablet", tmp_path)
-    screen.button("Discard all").first.tap()
+    screen.marked("discard-all").tap()
+    counted(screen, 0)
+    screen.marked("bring-back").tap()
+    counted(screen, 3)
+    screen.marked("discard-all").tap()
     counted(screen, 0)
 
 
@@ -107,7 +110,7 @@ def test_a_file_that_leaves_something_open_asks_and_a_wrong_one_is_told_with_its
     screen.page.locator("[data-mark='count']", has_text="1 demonstrations").wait_for()
     screen.marked("flatten").click()
     screen.says("Laid into their plane; they were away from it by 0.00.mm")
-    screen.button("Discard all").last.click()
+    screen.marked("discard-all").click()
 
 
 async def feed(plant: Any, pieces: int, pause: float = 0.0) -> None:
@@ -140,6 +143,7 @@ def test_a_tracker_is_seen_while_it_records_and_a_skill_is_learned_from_it(
     screen.page.wait_for_function("parseInt(document.querySelector('canvas.plate').dataset.pressed) > 8")
     screen.marked("recorder-told").get_by_text("1 demonstrations").wait_for()
     screen.marked("record-discard").click()
+    screen.marked("record-discard-yes").click()
     screen.marked("recorder-state").get_by_text("○ nothing is being recorded").wait_for()
 
     with ThreadPoolExecutor(1) as tracker:

@@ -72,7 +72,7 @@ class World:
 
     async def started(self) -> str:
         """Start a run on the paced arm; return its job once the arm is well off its start."""
-        job_id = (await self.paced.execute("corner", recipe_id="quick")).job_id
+        job_id = (await self.paced.execute("corner", recipe_id="quick", mode="production")).job_id
         async with asyncio.timeout(LIMIT):
             while np.abs((await self.paced.arm()).position - HOME).max() < 0.05:
                 await asyncio.sleep(0.005)
@@ -96,7 +96,7 @@ class World:
     async def still_serves(self) -> None:
         """Show that other clients are served and that the next job runs, from wherever the arm stands."""
         assert [skill.name for skill in await self.people["visitor"].find_skills()] == ["corner"]
-        report = await self.ended((await self.paced.execute("corner", recipe_id="quick")).job_id)
+        report = await self.ended((await self.paced.execute("corner", recipe_id="quick", mode="production")).job_id)
         assert (report.state, report.failure) == ("Completed", "None"), report
 
 
@@ -225,7 +225,7 @@ async def test_a_corner_too_fast_is_slowed_down_visibly_unless_that_is_refused(w
     fast = {"timing": "constant_speed", "speed": 0.15}
     await world.people["engineer"].put_recipe(replace(world.recipe, recipe_id="fast", **fast))
     station = world.mes.workstation("still")
-    report = await world.ended((await station.execute("corner", recipe_id="fast")).job_id, "still")
+    report = await world.ended((await station.execute("corner", recipe_id="fast", mode="production")).job_id, "still")
     assert report.state == "Completed"
     assert re.search(r"\d mm/s", report.message), report.message
     assert PLACE.search(report.message)
@@ -240,7 +240,7 @@ async def test_an_override_that_is_none_is_refused(fraction: float, world: World
 
 
 async def test_two_runs_at_once_are_one_after_the_other(world: World) -> None:
-    first, second = [await world.paced.execute("corner", recipe_id="quick") for _ in range(2)]
+    first, second = [await world.paced.execute("corner", recipe_id="quick", mode="production") for _ in range(2)]
     assert second.state == "Queued"
     reports = [await world.ended(one.job_id) for one in (first, second)]
     assert [report.state for report in reports] == ["Completed", "Completed"]
@@ -261,14 +261,14 @@ async def test_an_abort_during_the_approach_leaves_the_arm_at_rest_until_somebod
     assert np.isnan(report.place), "it had not come to the path"
     queue = await world.paced.queue()
     assert (queue.state, queue.because, queue.by, queue.waiting) == ("Held", "Aborted", "mes", 0)
-    waiting = (await world.paced.execute("corner", recipe_id="quick")).job_id
+    waiting = (await world.paced.execute("corner", recipe_id="quick", mode="production")).job_id
     assert (await world.paced.job(waiting)).held_queue
     with pytest.raises(Refused) as refused:
         await world.paced.release_queue()
     assert (refused.value.status, "GoHome" in refused.value.reason) == ("BadInvalidState", True)
     assert np.array_equal((await world.paced.arm()).position, rest.position), "it moved and nobody had asked for it"
     await world.paced.go_home()
-    asked_on_the_way = (await world.paced.execute("corner", recipe_id="quick")).job_id
+    asked_on_the_way = (await world.paced.execute("corner", recipe_id="quick", mode="production")).job_id
     with pytest.raises(Refused, match="BadInvalidState"):
         await world.paced.release_queue()
     await world.is_home()
@@ -284,11 +284,11 @@ async def test_an_arm_that_is_not_at_its_start_runs_nothing_until_somebody_sends
     report = await world.ended(job_id)
     assert (report.state, report.failure, report.message) == ("Aborted", "ProtectiveStop", "light curtain")
     with pytest.raises(Refused) as refused:
-        await world.paced.execute("corner", recipe_id="quick")
+        await world.paced.execute("corner", recipe_id="quick", mode="production")
     assert refused.value.status == "BadInvalidState"
     await world.paced.reset("curtain is clear")
     before = (await world.at_rest()).position
-    waiting = (await world.paced.execute("corner", recipe_id="quick")).job_id
+    waiting = (await world.paced.execute("corner", recipe_id="quick", mode="production")).job_id
     with pytest.raises(Refused) as refused:
         await world.paced.release_queue()
     assert refused.value.status == "BadInvalidState"
@@ -331,10 +331,10 @@ async def test_a_simulation_killed_in_mid_motion_fails_its_job_within_a_second(w
     assert (reading.mode, reading.at_rest) == ("fault", True)
     assert reading.fault
     with pytest.raises(Refused) as refused:
-        await world.paced.execute("corner", recipe_id="quick")
+        await world.paced.execute("corner", recipe_id="quick", mode="production")
     assert refused.value.status == "BadInvalidState"
     still = world.mes.workstation("still")
-    assert (await world.ended((await still.execute("corner")).job_id, "still")).state == "Completed"
+    assert (await world.ended((await still.execute("corner", mode="production")).job_id, "still")).state == "Completed"
     await world.paced.reset("looked at it")
     async with asyncio.timeout(LIMIT):
         while not (await visitor.session.read("Machines/paced/Arm/Known"))[0]:
@@ -366,7 +366,7 @@ async def test_a_locked_database_does_not_keep_the_arm_from_stopping(world: Worl
 async def test_a_job_whose_skill_was_withdrawn_while_it_waited_does_not_run(world: World) -> None:
     engineer = world.people["engineer"]
     assert await world.paced.hold_queue("not yet") == "Held"
-    started = await world.paced.execute("corner", recipe_id="quick")
+    started = await world.paced.execute("corner", recipe_id="quick", mode="production")
     await engineer.withdraw("corner", 1, "paced")
     try:
         assert await world.paced.release_queue() == "Released"
@@ -432,7 +432,7 @@ async def test_a_stored_row_that_cannot_be_read_is_a_fault_inside_with_an_id_in_
 
 async def test_a_server_stopped_while_the_arm_moves_ends_well_and_its_jobs_say_so(world: World) -> None:
     running = await world.started()
-    waiting = (await world.paced.execute("corner", recipe_id="quick")).job_id
+    waiting = (await world.paced.execute("corner", recipe_id="quick", mode="production")).job_id
     await asyncio.to_thread(world.plant.stop)
     with contextlib.closing(sqlite3.connect(world.plant.database)) as other:
         ends = dict(other.execute("SELECT job_id, state || ' ' || report FROM jobs").fetchall())

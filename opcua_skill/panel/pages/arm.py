@@ -79,8 +79,8 @@ class ArmSheet:
             return words("no connection, or the server does not answer")
         if not session.may("run"):
             return words("needs the role operator")
-        if any(moves(one) for one in station.active):
-            return words("something runs or waits here")
+        if any(moves(one) and one.state != "Queued" for one in station.active):
+            return words("something moves, or is under way here")
         if station.lock is not None and station.lock.locked and not session.has_lock(station.name):
             return f"{words('This arm is kept by')} {station.lock.user}"
         return "" if station.arm.mode == "idle" else words("the arm is not at rest")

@@ -8,6 +8,7 @@ from nicegui import ui
 from opcua_skill.client import JobReport
 from opcua_skill.panel.frame import Frame, title
 from opcua_skill.panel.modes import mode_tag, moves
+from opcua_skill.panel.pages.held import BECAUSE, HeldQueue
 from opcua_skill.panel.shown import percent, state_tag
 
 DIGEST, SHORT = re.compile(r"\b([0-9a-f]{12})[0-9a-f]{52}\b"), r"\1…"
@@ -38,6 +39,7 @@ class MotionSheet:
             self.abort = ui.button(words("Abort"), icon="stop", on_click=lambda: self.steer("abort"))
             self.abort.props("no-caps outline dense color=negative").props('data-mark="abort"')
         self.why = ui.label().classes("small soft").props('data-mark="why-steer"')
+        self.held = HeldQueue(frame)
         self.queue = ui.element("div").classes("stack").props('data-mark="queue"')
         self.override_told = ui.label().classes("small").props('data-mark="override-told"')
         self.override = ui.slider(min=5, max=100, step=5, value=100).props(
@@ -63,7 +65,8 @@ class MotionSheet:
             rest = f" · {len(waiting)} {words('waiting')}" if waiting else ""
             told = f"{job.skill_name} {words('version')} {job.skill_version} · {job.recipe_id}"
             self.job_told.text = f"{told} · {percent(job.progress)}{rest}"
-            self.notes.text = told_of_run(words.said, job)
+            unasked = [words(BECAUSE.get(job.cause, job.cause))] if job.state == "Paused" and job.cause else []
+            self.notes.text = "\n".join([*unasked, told_of_run(words.said, job)])
             self.progress.value = job.progress
         may = session.live and session.may("run")
         self.pause.set_enabled(may and job is not None and job.state == "Running")
@@ -75,6 +78,7 @@ class MotionSheet:
             self.why.text = "" if session.may("run") else words("needs the role operator")
         self.override.set_enabled(may)
         self._show_override()
+        self.held.refresh(waiting)
         self._show_queue(waiting)
 
     def _show_override(self) -> None:

@@ -30,7 +30,8 @@ class OrderSheet:
         self.wanted_version = 0
         self.asking = False
         self.pending = ""
-        self.setting = False
+        self.shown_skill: str | None = None
+        self.shown_recipe: str | None = None
         self.seen = self.session.happenings[0].number if self.session.happenings else 0
         words = self.words
         title(words("What to run"))
@@ -52,7 +53,7 @@ class OrderSheet:
     def _mode(self, mode: Mode) -> None:
         words, look = self.words, LOOKS[mode]
         with ui.element("div").classes(f"mode-line mode-line-{mode}"):
-            button = ui.button(words(look.button), icon=look.icon, on_click=lambda: self.start(mode))
+            button = ui.button(words(look.button), icon=look.icon, color=None, on_click=lambda: self.start(mode))
             button.props(f'no-caps unelevated data-mark="run-{mode}"').classes(f"mode-button mode-{mode}")
             with ui.element("div").classes("mode-words"):
                 ui.html(mode_tag(words, mode), sanitize=False)
@@ -73,21 +74,25 @@ class OrderSheet:
 
         if not await self.frame.asked(self.words("Read the skills"), ask):
             return
-        last = next((one for one in self.session.station.jobs if one.skill_name in self.skills), None)
+        ran = (one for one in self.session.station.jobs if moves(one))
+        last = next((one for one in ran if one.skill_name in self.skills), None)
         labels = {
             name: f"{name} ({self.words('deployed')})" if self.station in one.workstations else name
             for name, one in self.skills.items()
         }
         wanted = skill if skill in labels else last.skill_name if last is not None and not skill else None
-        self.setting = True
+        self.shown_skill = wanted
         self.skill.set_options(labels, value=wanted)
-        self.setting = False
-        await self.skill_chosen(recipe)
+        await self._offer_recipes(recipe)
 
-    async def skill_chosen(self, recipe: object = "") -> None:
-        """Offer the skill's recipes; chosen is the one that ran here last with this skill, or none."""
-        if self.setting:
-            return
+    async def skill_chosen(self) -> None:
+        """Somebody chose another skill."""
+        if self.skill.value != self.shown_skill:
+            self.shown_skill = self.skill.value
+            await self._offer_recipes()
+
+    async def _offer_recipes(self, recipe: str = "") -> None:
+        """Offer the skill's recipes; chosen is the one asked for, or the one that ran here last with it, or none."""
         name = self.skill.value
         self.recipes = {}
         if name:
@@ -96,20 +101,23 @@ class OrderSheet:
                 self.recipes = {one.recipe_id: one for one in await self.session.client.recipes(name)}
 
             await self.frame.asked(self.words("Read the recipes"), ask)
-        wanted = recipe if isinstance(recipe, str) and recipe in self.recipes else self._last_recipe(name or "")
-        self.setting = True
+        wanted = recipe if recipe in self.recipes else self._last_recipe(name or "")
+        self.shown_recipe = wanted
         self.recipe.set_options(list(self.recipes), value=wanted)
-        self.setting = False
-        await self.recipe_chosen()
+        await self._show()
 
     def _last_recipe(self, skill: str) -> str | None:
-        ran = (one.recipe_id for one in self.session.station.jobs if one.skill_name == skill)
+        ran = (one.recipe_id for one in self.session.station.jobs if one.skill_name == skill and moves(one))
         return next((one for one in ran if one in self.recipes), None)
 
     async def recipe_chosen(self) -> None:
+        """Somebody chose another recipe."""
+        if self.recipe.value != self.shown_recipe:
+            self.shown_recipe = self.recipe.value
+            await self._show()
+
+    async def _show(self) -> None:
         """Say which version runs, have the run checked, and show where it would go."""
-        if self.setting:
-            return
         self.another.set_visibility(False)
         self.refusal.text = ""
         self._tell_address()
@@ -188,7 +196,8 @@ class OrderSheet:
     @property
     def held(self) -> bool:
         """Whether the queue waits for somebody to release it."""
-        return False
+        queue = self.session.station.queue
+        return queue is not None and queue.held
 
     def _ask(self) -> None:
         """Ask before something is queued that would begin by itself, when nobody thinks of it any more."""
@@ -198,12 +207,14 @@ class OrderSheet:
         with self.another:
             now = "; ".join(f"{one.skill_name} {words(one.state)}" for one in self.ahead)
             told = words("Queue another run? It begins by itself when its turn comes.")
+            if self.held:
+                told = words("The queue is held: a run waits there until somebody releases it.")
             ui.label(f"{self.station}: {now or words('nothing runs')}. {told}")
             ui.label(f"{self.skill.value} · {self.recipe.value}").classes("sheet-title")
             with ui.element("div").classes("line"):
                 for mode in MOVING:
                     if not self.why_not(mode, behind=True):
-                        yes = ui.button(f"{words('Yes, queue')}: {words(LOOKS[mode].name)}")
+                        yes = ui.button(f"{words('Yes, queue')}: {words(LOOKS[mode].name)}", color=None)
                         yes.on_click(lambda _, it=mode: self.start(it, behind=True))
                         yes.props(f'no-caps unelevated data-mark="queue-{mode}"').classes(f"mode-{mode}")
                 ui.button(words("No"), on_click=lambda: self.another.set_visibility(False)).props("no-caps outline")

@@ -56,8 +56,8 @@ class RunPage:
                 self.motion = MotionSheet(self.frame)
             with ui.element("div").classes("sheet stack"):
                 self.arm_sheet = ArmSheet(self.frame)
+        self.frame.on_refresh(self.refresh)  # at once: reading below takes its time
         await self.order.read(skill, recipe, version)
-        self.frame.on_refresh(self.refresh)
         ui.timer(0.5, self.order.look)
 
     def _view(self) -> None:

@@ -87,7 +87,7 @@ async def test_after_a_stop_on_the_path_the_way_home_makes_the_next_run_possible
     await engineer.approve("home", skill.version, skill.model_digest)
     await engineer.deploy("home", skill.version, "ws1")
     station = mes.workstation("ws1")
-    started = await station.execute("home")
+    started = await station.execute("home", mode="production")
     await until(mes, "running")
     with pytest.raises(Refused, match="BadInvalidState"):
         await station.go_home()
@@ -100,7 +100,7 @@ async def test_after_a_stop_on_the_path_the_way_home_makes_the_next_run_possible
     with pytest.raises(Refused, match="BadInvalidState"):
         await station.go_home()
     await station.reset()
-    waiting = await station.execute("home")
+    waiting = await station.execute("home", mode="production")
     assert (await station.queue()).state == "Held"
     await station.go_home()
     await until(mes, "running")

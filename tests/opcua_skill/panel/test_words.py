@@ -9,7 +9,7 @@ from opcua_skill.client.values import ENDED
 from opcua_skill.panel import card, comparing, frame, recipe_fields
 from opcua_skill.panel import modes as run_modes
 from opcua_skill.panel.german import GERMAN
-from opcua_skill.panel.pages import arm, comparison, jobs, library, motion, recipe_form, run, teach, upload
+from opcua_skill.panel.pages import arm, comparison, held, jobs, library, motion, recipe_form, run, teach, upload
 from opcua_skill.panel.shown import STATE_SIGNS
 from opcua_skill.panel.strokes import NotADemonstration
 from opcua_skill.panel.words import Words, language_of
@@ -53,6 +53,8 @@ def tables() -> Iterator[str]:
     yield from (text for one in run_modes.LOOKS.values() for text in (one.button, one.name, one.moves))
     yield from (f"needs the role {one.role}" for one in run_modes.LOOKS.values())
     yield from card.SHORT.values()
+    yield from held.BECAUSE.values()
+    yield from ("arm", "server", held.STEPS)
     yield from motion.STEPS.values()
     yield from jobs.HEADS
     yield from (frame.SILENT, frame.PANEL_SILENT, arm.ACKNOWLEDGE, arm.HOMING)
