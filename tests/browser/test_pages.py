@@ -4,12 +4,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from axe_playwright_python.sync_playwright import Axe
 
-from tests.browser.conftest import PANEL_PC, PASSWORD, TABLET, Screens
+from tests.browser.conftest import PANEL_PC, PASSWORD, TABLET, Screen, Screens
 from tests.browser.test_review import teach
 
 pytestmark = pytest.mark.browser
 FINGER = 44
+WCAG = {"resultTypes": ["violations"], "runOnly": ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa"]}
 PRESSED = "a, button, input:not([type=file]), [role=button], [role=checkbox], .q-field__control, [role=combobox]"
 TOO_SMALL = """(pressed) => {
   const inside = (one) => one.closest('.q-field__control') || one.closest('.q-uploader');
@@ -19,6 +21,25 @@ TOO_SMALL = """(pressed) => {
     .map((one) => [one, size(one)]).filter(([, box]) => box.width > 0 && Math.min(box.width, box.height) < 43.5)
     .map(([one, box]) => `${one.className} ${one.textContent.slice(0, 20)} ${box.width} x ${box.height}`);
 }"""
+
+
+def barriers(screen: Screen) -> list[str]:
+    """Return what axe-core finds against WCAG 2.1 A and AA, a line an element."""
+    found = Axe().run(screen.page, options=WCAG).response["violations"]
+    return [f"{one['id']}: {node['html'][:110]} {node['target']}" for one in found for node in one["nodes"]]
+
+
+def narrow(screen: Screen, path: str, viewport: dict[str, int]) -> list[str]:
+    """Return whether Stop motion leaves the screen, or the page grows wider than it, down to 360 px."""
+    found = []
+    for width in (390, 360):
+        screen.page.set_viewport_size({"width": width, "height": 700})
+        stop = screen.page.locator(".stop-motion").bounding_box()
+        wide = screen.page.evaluate("document.documentElement.scrollWidth")
+        if stop is None or stop["x"] < 0 or stop["x"] + stop["width"] > width or stop["y"] > 60 or wide > width:
+            found.append(f"{path} at {width} px: {wide} px wide, Stop motion at {stop}")
+    screen.page.set_viewport_size(viewport)  # type: ignore[arg-type]
+    return found
 
 
 @pytest.fixture(scope="module")
@@ -64,6 +85,11 @@ def test_every_page_fits_and_a_finger_hits_what_it_wants(
         screen.page.mouse.wheel(0, 2000)
         assert screen.page.locator(".stop-motion").bounding_box() == stop, "Stop motion stays where it is"
         found += [f"{path}: {one}" for one in screen.page.evaluate(TOO_SMALL, PRESSED)]
+        found += [f"{path}: {one}" for one in barriers(screen)]
+        heads = screen.page.get_by_role("heading", level=1).count(), screen.page.get_by_role("heading", level=2).count()
+        if heads[0] != 1 or not heads[1]:
+            found.append(f"{path} has {heads} headings of the first and second level")
+        found += narrow(screen, path, viewport)
         pressed = screen.page.locator(PRESSED).count()
         assert pressed > 6, f"only {pressed} things to press on {path}?"
     assert not found, "\n".join(found)
