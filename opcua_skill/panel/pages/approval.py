@@ -36,6 +36,7 @@ class RunToApprove:
         self.skill = skill
         self.recipes: dict[str, Recipe] = {}
         self.last: tuple[int, Path] | None = None
+        self.compared = False
         self.card = CardSheet(page.frame, self.words("What would run"))
         self.recipe = choose({}, None, self._chosen, self.words("Recipe")).classes("w-full")
         self.recipe.props('data-mark="card-recipe"')
@@ -64,15 +65,18 @@ class RunToApprove:
 
     async def _chosen(self) -> None:
         recipe = self.recipes.get(self.recipe.value or "")
-        if recipe is not None:
+        if recipe is not None and self.compared:  # else the server would check the same twice
             before = self.last[1] if self.last else None
             await self.card.show(replace(recipe, skill_version=self.skill.version), self.skill.version, before)
 
     async def compare(self, found: Sequence[Skill]) -> None:
         """Say what is different since the version approved last, and lay its path under the card."""
         words, last = self.words, approved_before(found, self.skill.version)
+        first, self.compared = not self.compared, True
         if last is None:
             self.since.text = words("No version of this skill was approved before.")
+            if first:
+                await self._chosen()
             return
         if self.last is None or self.last[0] != last.version:
             try:
@@ -80,11 +84,12 @@ class RunToApprove:
             except ClientError as error:
                 self.since.text = f"✕ {words.said(error)}"
                 return
-            self.last = (last.version, path)
-            await self._chosen()
+            self.last, first = (last.version, path), True
         path = self.last[1]
         made = next(one for one in last.document["decisions"] if one["state"] == "Approved")
         away, where = told_distance(self.skill, last) or largest_change(path, self.page.version.material.path)
         moved = f"{words('path moved by at most')} {words.figures(mm(away))}, {words('at')} {percent(where)}"
         who = f"{words('version')} {last.version}, {made['actor']}, {moment_of(made.get('at'))}"
         self.since.text = "\n".join([f"{who}:", moved, *changes(words, last, self.skill)])
+        if first:
+            await self._chosen()

@@ -127,6 +127,7 @@ class OrderSheet:
             self.card.clear(self.words(missing))
             self.which.text = ""
         else:
+            self._say_which(recipe)
             await self.card.show(recipe)
             self._say_which(recipe)
         self.refresh()
@@ -146,16 +147,17 @@ class OrderSheet:
 
     def _say_which(self, recipe: Recipe) -> None:
         words, check, skill = self.words, self.card.check, self.skills.get(self.skill.value or "")
-        if check is None or skill is None:
+        if skill is None:
             self.which.text = ""
             return
+        number = check.version if check is not None else recipe.skill_version or skill.version
         deployed = self.station in skill.workstations
         why = words("by recipe") if recipe.skill_version else words("deployed") if deployed else words("newest")
         self.which.text = (
-            f"{words('Version')} {check.version} ({why}) · {words(recipe.timing)} · "
+            f"{words('Version')} {number} ({why}) · {words(recipe.timing)} · "
             f"{words.figures(f'{1000 * recipe.time_step:g} ms')}"
         )
-        if self.wanted_version and self.wanted_version != check.version:
+        if self.wanted_version and self.wanted_version != number:
             self.which.text += f" · ⚠ {words('not version')} {self.wanted_version}: {words('make a recipe for it')}"
 
     def why_not(self, mode: Mode, *, behind: bool = False) -> str:
