@@ -80,7 +80,7 @@ class Planning:
             run_card,
             description.motion(),
             motion_order(recipe, 1.0),
-            station.model.name,
+            station.model,
             description.model_digest,
             recipe.recipe_id,
             station.cell,

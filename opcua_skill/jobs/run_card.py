@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from models.demonstration import Bools, Floats
 from models.motion import Motion
 from opcua_skill.computations import PlanRefused, plan_skill
+from sim.arm import ArmModel
 from sim.clearance import Cell
 from sim.plan import Finding, MotionOrder, MotionPlan
 
@@ -33,7 +34,7 @@ class RunCard:
 
 
 def run_card(
-    motion: Motion, order: MotionOrder, arm: str, skill_digest: str, recipe_id: str, cell: Cell
+    motion: Motion, order: MotionOrder, arm: ArmModel, skill_digest: str, recipe_id: str, cell: Cell
 ) -> RunCard | PlanRefused:
     """Plan a run and return its card; a run that must not be is refused as at ExecuteSkill."""
     plan = plan_skill(motion, order, arm, skill_digest, recipe_id, cell)

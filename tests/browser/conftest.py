@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 import pytest
 from playwright.sync_api import Browser, BrowserContext, Locator, Page, sync_playwright
@@ -37,7 +38,7 @@ PANEL_PC = {"width": 1280, "height": 800}
 TABLET = {"width": 768, "height": 1024}
 TABLET_LYING = {"width": 1024, "height": 768}
 FINGERS = {"has_touch": True, "is_mobile": True}
-PATIENCE = 20_000
+PATIENCE = 40_000
 SECOND = """
 [[workstations]]
 name = "ws2"
@@ -211,7 +212,7 @@ class Screens:
         if (user, locale) in self.known:
             return self.blank(locale, storage_state=self.known[user, locale], **more).go(to)
         screen = self.blank(locale, **more)
-        screen.page.goto(f"{self.base}/sign-in?to={to}")
+        screen.page.goto(f"{self.base}/sign-in?to={quote(to, safe='/')}")
         screen.page.locator("input").nth(0).fill(user)
         screen.page.locator("input").nth(1).fill(PASSWORD)
         screen.page.locator("button").click()
