@@ -17,7 +17,8 @@ class Finding:
     """One thing found: a fatal one forbids the run, any other is worth knowing.
 
     ``place`` is where along the path, 0 to 1, and ``time`` in s since its start, both None where it is about no
-    place; ``size`` says by how much, in ``unit``, None where there is no number to it.
+    place; ``size`` says by how much, in ``unit``, None where there is no number to it; ``asked`` and ``limit`` are what
+    was wanted and what is possible.
     """
 
     code: str
@@ -27,6 +28,8 @@ class Finding:
     unit: str
     text: str
     fatal: bool
+    asked: float | None = None
+    limit: float | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,7 +67,17 @@ async def ask_check(session: Session, place: str, recipe: Recipe, version: int) 
         version=int(number),
         can_run=bool(can_run),
         findings=tuple(
-            Finding(one["code"], one["phase"], one["time"], one["size"], one["unit"], one["text"], one["fatal"])
+            Finding(
+                one["code"],
+                one["phase"],
+                one["time"],
+                one["size"],
+                one["unit"],
+                one["text"],
+                one["fatal"],
+                one.get("asked"),
+                one.get("limit"),
+            )
             for one in found
         ),
         refused=refused,

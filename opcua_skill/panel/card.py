@@ -33,6 +33,8 @@ def in_short(words: Words, finding: Finding) -> str:
     """Return a finding in a few words: by how much, what, where."""
     unit = UNITS.get(finding.unit, "")
     much = f"{finding.size:.0f}{unit} " if finding.size and unit else ""
+    if finding.code == "SpeedLimit" and finding.asked is not None and finding.limit is not None:
+        much = f"{finding.asked:.0f} → {finding.limit:.0f}\u00a0{finding.unit} "
     where = f" {words('at')} {percent(finding.place)}" if finding.place is not None else ""
     return f"{much}{words(SHORT.get(finding.code, finding.code))}{where}"
 
