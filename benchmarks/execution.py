@@ -290,7 +290,7 @@ async def runs(model: ArmModel) -> list[Row]:
         np.array_equal(getattr(traces[0], name), getattr(traces[1], name))
         for name in ("joints_measured", "tool_measured")
     )
-    off = max(left_path(paused, plan), paused.tracking_error()[1]) * 1e3
+    off = max(left_path(paused, plan, model), paused.tracking_error()[1]) * 1e3
     factor = plan.duration / min(took)
     return [
         row("pause and resume leave the path by, mm", off, "the goal", 0.01, "at most 0.01 mm", off <= 0.01, 1),

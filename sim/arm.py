@@ -147,10 +147,11 @@ class Progress:
 class Trace:
     """What was commanded and what was measured, one row a time step of the recipe.
 
-    ``times`` (n,) in s since the start; ``path_times`` (n,) in s along the plan (they differ under override and
-    pause); ``joints_*`` (n, dof) in rad; ``tool_*`` (n, 3) nozzle tip in the base frame, m; ``dispense`` (n,) valve
-    open; ``override`` (n,) the rate at which the plan was run, 0 while paused. ``source`` says what kind of arm this
-    was measured on. ``events`` are things worth telling, such as leaving the skill's tube: (time, text).
+    ``times`` (n,) in s since the start by the arm's clock, pauses included; ``path_times`` (n,) in s along the plan
+    (they differ under override and pause); ``joints_*`` (n, dof) in rad; ``tool_*`` (n, 3) nozzle tip in the base
+    frame, m; ``dispense`` (n,) valve open; ``override`` (n,) the rate at which the plan was run, 0 while paused: a
+    pause is two rows more, at its beginning and at its end. ``source`` says what kind of arm this was measured on.
+    ``events`` are things worth telling, such as leaving the skill's tube: (time, text).
     ``orientation_*`` (n, 4) are the nozzle's unit quaternions x y z w in the base frame, (0, 4) where not recorded.
     """
 

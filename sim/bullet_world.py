@@ -50,7 +50,7 @@ class BulletWorld:
             (index, info[10])
             for index in range(pybullet.getNumJoints(self.body, physicsClientId=self.client))
             if (info := pybullet.getJointInfo(self.body, index, physicsClientId=self.client))[2]
-            == pybullet.JOINT_REVOLUTE
+            in {pybullet.JOINT_REVOLUTE, pybullet.JOINT_PRISMATIC}
         ]
         self.joints = [index for index, _ in movable]
         self.forces = [force for _, force in movable]

@@ -19,7 +19,6 @@ from functools import lru_cache
 import numpy as np
 
 from models.motion import Motion
-from sim import arms
 from sim.arm import (
     Arm,
     ArmError,
@@ -165,7 +164,8 @@ class ArmConformance:
         async with self.opened() as arm:
             plan = slanted_plan(arm.model)
             trace = await arm.run(plan, lambda _: None)
-            lean = angles_between(plan.orientations, np.tile(plan.orientations[0], (plan.samples, 1)))
+            on_path = plan.orientations[plan.path_rows[0] : plan.path_rows[1] + 1]
+            lean = angles_between(on_path, np.tile(on_path[0], (len(on_path), 1)))
             assert abs(lean.max() - math.radians(30.0)) < 1e-3
             assert angles_between(trace.orientation_commanded, plan.orientations).max() < 1e-6
             assert trace.orientation_error()[1] <= self.turning
@@ -194,12 +194,12 @@ class ArmConformance:
             broken[len(broken) // 2, 0] = np.nan
             poisoned = replace(plan, joints=broken)
             shifted = replace(plan, joints=plan.joints + 1e-6)
-            other = next(name for name in arms.names() if name != arm.model.name)
             bad = {
                 "NaN, digest made to fit": replace(poisoned, digest=poisoned.content_digest()),
                 "changed after it was checked": shifted,
                 "without a digest": replace(plan, digest=""),
-                "made for another arm": line_plan(arms.load(other), self.speed),
+                "made for another arm": line_plan(replace(arm.model, name=f"not {arm.model.name}"), self.speed),
+                "made for this arm as it was once": line_plan(replace(arm.model, digest="0" * 64), self.speed),
             }
             before = arm.state().joints
             for what, plan in bad.items():
@@ -228,7 +228,10 @@ class ArmConformance:
             await arm.set_override(1.0)
             await arm.resume()
             trace = await asyncio.wait_for(run, self.patience)
-            assert left_path(trace, self.plan(arm)) <= self.off_path
+            assert left_path(trace, self.plan(arm), arm.model) <= self.off_path
+            slower = (trace.override < 1.0 - 1e-6) | (trace.override == 0.0)
+            assert slower.any()
+            assert not trace.dispense[slower].any(), "the valve was open while the nozzle slowed for a pause"
             assert (np.diff(trace.path_times) >= 0.0).all(), "the arm went back on its path"
             assert trace.tracking_error()[1] <= self.tracking
             assert arm.state().at_rest
@@ -240,7 +243,8 @@ class ArmConformance:
             ended = await outcome(run)
             assert isinstance(ended, Stopped)
             assert ended.because == "operator pressed stop"
-            assert left_path(ended.trace, self.plan(arm)) <= self.off_path
+            assert left_path(ended.trace, self.plan(arm), arm.model) <= self.off_path
+            assert not ended.trace.dispense[ended.trace.override < 1.0 - 1e-6].any()
             assert not ended.trace.dispense[-1]
             assert arm.state().mode is ArmMode.IDLE
 
@@ -300,7 +304,7 @@ class ArmConformance:
             assert trace.times[-1] > plan.duration * 1.05
             assert trace.override.min() >= 0.5 - 1e-9
             assert abs(float(trace.path_times[-1]) - plan.duration) < 1e-6
-            assert left_path(trace, plan) <= self.off_path
+            assert left_path(trace, plan, arm.model) <= self.off_path
             await arm.set_override(1.0)
 
     async def test_a_protective_stop_holds_until_it_is_reset(self) -> None:
@@ -356,9 +360,9 @@ def away(arm: Arm, joints: np.ndarray) -> float:
     return float(np.abs(np.array(arm.state().joints) - joints).max())
 
 
-def left_path(trace: Trace, plan: MotionPlan) -> float:
-    """Return how far in m the commanded nozzle ever was from the plan's own way."""
-    tool = kinematics(arms.load(plan.arm)).forward(trace.joints_commanded)[0]
+def left_path(trace: Trace, plan: MotionPlan, model: ArmModel) -> float:
+    """Return how far in m the commanded nozzle ever was from the plan's own way on this arm."""
+    tool = kinematics(model).forward(trace.joints_commanded)[0]
     rows = np.clip(np.searchsorted(plan.times, trace.path_times) - 1, 0, plan.samples - 2)
     start, chord = plan.tool[rows], plan.tool[rows + 1] - plan.tool[rows]
     size = np.maximum((chord**2).sum(axis=1), 1e-30)

@@ -1,8 +1,8 @@
 """Where on its plan an arm should be at every tick, under override, pause and stop. No clock, no robot, no asyncio.
 
 Slower and faster, pause and stop only change how fast the plan's own time passes, so the nozzle never leaves the
-path. The rate follows a cubic step, as long as needed for joints and nozzle to keep their acceleration limits,
-whatever they are doing then.
+path. The rate follows ramps (``sim.ramps``) that keep the joints' velocity, acceleration and jerk whatever they are
+doing then. A ramp under way is left for another only where the other keeps them too.
 """
 
 import math
@@ -14,12 +14,11 @@ from sim.arm import ArmModel, Bools, Floats, Trace
 from sim.holding import quaternions
 from sim.kinematics import kinematics
 from sim.plan import MotionPlan, valve_open
+from sim.ramps import SPARE, Ramp, Ramps
 
 LONGEST_TICK = 1e-3
-SHORTEST_RAMP = 0.04
-STEEPEST = 1.5
-LOOK_AHEAD = 0.5
-SPARE, LEAST_SPARE = 0.95, 0.25
+# Where no ramp keeps every limit, another place a little later is tried, so far; then the least evil is done.
+TRY_AGAIN, PATIENCE = 0.004, 0.2
 
 
 class Phase(StrEnum):
@@ -52,19 +51,22 @@ class Execution:
         self.dt = step / self.ticks_a_row
         self._step = step
         self._cubic = _hermite(plan.joints, plan.velocities, step)
-        self._acceleration = np.abs(np.gradient(plan.velocities, step, axis=0))
-        self._velocity = np.abs(plan.velocities)
-        self._tool_speed = np.sqrt((np.gradient(plan.tool, step, axis=0) ** 2).sum(axis=1))
-        self._limits = np.array(model.limits.acceleration)
-        self._tool_limit = model.path_limits.acceleration
+        self._ramps = Ramps(plan, model, self.dt)
         self._mark = (0.0, 0)
-        self._ramp: tuple[float, float, float, float] | None = None
+        self._ramp: Ramp | None = None
+        self._since = 0
+        self._slope = 0.0
+        self._wanted: float | None = None
+        self._asked, self._next = 0.0, 0.0
+        self._shut = False
 
     def tick(self) -> Floats:
         """Go on by one tick and return the joints (dof,) to be at now."""
         self.clock += self.dt
+        if self._wanted is not None and self.clock >= self._next:
+            self._begin_ramp(self._wanted)
         if self._ramp is not None:
-            self._follow_ramp()
+            self._follow_ramp(self._ramp)
             self._mark = (self.path_time, 0)
         elif self.phase is not Phase.PAUSED:
             # Counted from the last change of rate, not added up: the n-th tick is at n times the tick, to the last bit.
@@ -74,8 +76,14 @@ class Execution:
         if self.path_time >= self.plan.duration - 1e-9:
             self.path_time = self.plan.duration
             self.phase = Phase.ENDED
-            self._ramp = None
+            self._ramp = self._wanted = None
         return self.joints()
+
+    def rest(self, seconds: float) -> None:
+        """Let time pass while paused."""
+        self.clock += seconds
+        self._asked += seconds
+        self._next += seconds
 
     def joints(self) -> Floats:
         """Return the joints (dof,) to be at now."""
@@ -86,8 +94,11 @@ class Execution:
 
     @property
     def valve(self) -> bool:
-        """Whether the valve is open now: closed at rest and as soon as a stop is asked for."""
-        if self.rate <= 0.0 or self.phase in {Phase.STOPPING, Phase.PAUSED, Phase.ENDED}:
+        """Whether the valve is open now.
+
+        Closed as soon as a pause or stop is asked for, until the nozzle is on its path at the speed wanted again.
+        """
+        if self._shut or self.phase is Phase.ENDED:
             return False
         lead = self.plan.order.dispense_lead * self.rate
         return bool(valve_open(self.plan.valve, np.array([self.path_time]), lead)[0])
@@ -98,10 +109,12 @@ class Execution:
         return self.path_time / self.plan.duration
 
     def pause(self) -> None:
-        """Slow down to rest on the path."""
+        """Close the valve and slow down to rest on the path, once the valve has had its ``dispense_lead`` to close."""
         if self.phase is Phase.RUNNING:
+            flows = self.valve
             self.phase = Phase.PAUSING
-            self._aim(0.0)
+            self._shut = True
+            self._aim(0.0, self.plan.order.dispense_lead if flows else 0.0)
 
     def resume(self) -> None:
         """Go on after a pause."""
@@ -116,6 +129,7 @@ class Execution:
         self.stop_reason, self.failure = because, failure
         resting = self.phase is Phase.PAUSED
         self.phase = Phase.ENDED if resting else Phase.STOPPING
+        self._shut = True
         if not resting:
             self._aim(0.0)
 
@@ -125,41 +139,58 @@ class Execution:
         if self.phase is Phase.RUNNING:
             self._aim(fraction)
 
-    def _aim(self, rate: float) -> None:
-        """Begin a ramp from the rate now to another, long enough for every acceleration limit."""
-        if rate == self.rate:
-            self._ramp = None
-            return
-        change = abs(rate - self.rate)
-        first = int(self.path_time / self._step)
-        window = slice(first, first + max(2, math.ceil(LOOK_AHEAD / self._step)) + 1)
-        busy = self._acceleration[window].max(axis=0) * max(rate, self.rate) ** 2
-        spare = np.maximum(LEAST_SPARE * self._limits, SPARE * self._limits - busy)
-        by_joints = float((self._velocity[window].max(axis=0) / spare).max())
-        by_tool = float(self._tool_speed[window].max()) / self._tool_limit
-        length = max(SHORTEST_RAMP, STEEPEST * change * max(by_joints, by_tool))
-        self._ramp = (self.rate, rate, length, 0.0)
+    def _aim(self, rate: float, later: float = 0.0) -> None:
+        """Have the rate go to another, from ``later`` s on, as soon as a ramp there keeps every limit."""
+        self._wanted = rate
+        self._asked = self._next = self.clock + max(0.0, later)
 
-    def _follow_ramp(self) -> None:
-        assert self._ramp is not None
-        start, end, length, since = self._ramp
-        since = min(since + self.dt, length)
-        u = since / length
-        before = self.rate
-        self.rate = start + (end - start) * u * u * (3.0 - 2.0 * u)
-        self.path_time += 0.5 * (before + self.rate) * self.dt
-        self._ramp = (start, end, length, since)
-        if since >= length:
-            self.rate = end
+    def _begin_ramp(self, rate: float) -> None:
+        """Begin the shortest ramp from the rate now to another; where there is none, a little later."""
+        if self._ramp is not None and self._ramp.end == rate:
+            self._wanted = None
+            return
+        if self._ramp is None and rate == self.rate:
+            self._wanted = None
+            self._arrive()
+            return
+        top = max(self.rate, rate, self._ramp.end if self._ramp else 0.0)
+        ramp, share = self._ramps.find(self.path_time, self.rate, self._slope, rate, top)
+        late = self._ramp is None and self.clock - self._asked > PATIENCE
+        if share <= 1.0 + SPARE or late:
+            self._ramp, self._since, self._wanted = ramp, 0, None
+        else:
+            self._next = self.clock + TRY_AGAIN
+
+    def _follow_ramp(self, ramp: Ramp) -> None:
+        self._since += 1
+        since = self._since * self.dt
+        self.path_time, rate, self._slope = ramp.at(since)
+        self.rate = max(rate, 0.0)
+        if since >= ramp.length - 0.5 * self.dt:
+            self.rate, self._slope = ramp.end, 0.0
             self._ramp = None
-            if self.phase is Phase.PAUSING:
-                self.phase = Phase.PAUSED
-            elif self.phase is Phase.STOPPING:
-                self.phase = Phase.ENDED
+            if self._wanted is None:
+                self._arrive()
+
+    def _arrive(self) -> None:
+        """The rate is what was wanted."""
+        if self.phase is Phase.PAUSING:
+            self.phase = Phase.PAUSED
+        elif self.phase is Phase.STOPPING:
+            self.phase = Phase.ENDED
+        elif self.phase is Phase.RUNNING:
+            self._shut = False
+
+
+Rows = tuple[list[tuple[float, float, bool, float]], Floats, Floats]
+"""Clock, plan's time, valve and rate of some rows, and their joints, commanded and measured (k, dof)."""
 
 
 class Recorder:
-    """Rows of a run while it goes on; becomes a ``Trace`` at its end."""
+    """Rows of a run while it goes on; becomes a ``Trace`` at its end.
+
+    A pause is two rows, at its beginning and at its end.
+    """
 
     def __init__(self, model: ArmModel, source: str) -> None:
         self._model = model
@@ -168,6 +199,7 @@ class Recorder:
         self._commanded: list[Floats] = []
         self._measured: list[Floats] = []
         self.events: list[tuple[float, str]] = []
+        self._told = 0
 
     def __len__(self) -> int:
         """Return the number of rows."""
@@ -178,6 +210,18 @@ class Recorder:
         self._rows.append((execution.clock, execution.path_time, execution.valve, execution.rate))
         self._commanded.append(commanded)
         self._measured.append(measured)
+
+    def new_rows(self) -> Rows:
+        """Return the rows that were added since this was asked last, to be kept somewhere else too."""
+        new = slice(self._told, len(self))
+        self._told = len(self)
+        return self._rows[new], np.array(self._commanded[new]), np.array(self._measured[new])
+
+    def extend(self, rows: Rows) -> None:
+        """Write down rows that another recorder told."""
+        self._rows += rows[0]
+        self._commanded += list(rows[1])
+        self._measured += list(rows[2])
 
     def measured(self) -> Floats:
         """Return the joints (dof,) measured last."""

@@ -4,6 +4,7 @@ For machines without PyBullet, and for fast tests. It watches the order's tolera
 """
 
 import asyncio
+import math
 import time
 from collections.abc import Callable
 
@@ -32,6 +33,7 @@ SLICE = 0.002
 PROGRESS_PERIOD = 0.07
 NAP = 0.005
 SETTLE = 2.0
+AT_REST = frozenset({Phase.ENDED, Phase.PAUSED})
 
 
 class KinematicArm:
@@ -155,16 +157,21 @@ class KinematicArm:
         began = time.monotonic()
         told = 0.0
         ticks = 0
+        due = math.inf
         while execution.phase is not Phase.ENDED:
             if execution.phase is Phase.PAUSED:
+                recorder.add(execution, follower.wanted, follower.measured())
                 waiting = time.monotonic()
-                self._tell()
-                await self._turn.wait()
-                began += time.monotonic() - waiting
+                while execution.phase is Phase.PAUSED:
+                    self._tell()
+                    await self._turn.wait()
+                execution.rest(time.monotonic() - waiting)
+                recorder.add(execution, follower.wanted, follower.measured())
                 continue
             until = time.monotonic() + SLICE
-            due = (time.monotonic() - began) / execution.dt if self._realtime else float("inf")
-            while execution.phase not in {Phase.ENDED, Phase.PAUSED} and ticks < due and time.monotonic() < until:
+            if self._realtime:
+                due = time.monotonic() - began
+            while execution.phase not in AT_REST and execution.clock < due and time.monotonic() < until:
                 self._joints = follower.tick()
                 ticks += 1
                 if ticks % execution.ticks_a_row == 0 or execution.phase is Phase.ENDED:
@@ -175,7 +182,7 @@ class KinematicArm:
                 told = now
                 at = execution.path_time
                 on_progress(Progress(execution.fraction, at, execution.plan.stage_at(at)))
-            await asyncio.sleep(NAP if self._realtime and ticks >= due else 0)
+            await asyncio.sleep(NAP if execution.clock >= due else 0)
 
     def _running(self, command: str) -> Execution:
         if self._execution is None:

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from sim.arm import ArmFault, ArmMode, ArmModel, ArmState, CommandRefused, Progress, StartRefused, Stopped, Trace
+from sim.execution import Recorder
 from sim.gate import check_override, check_start
 from sim.imperfection import Imperfection
 from sim.kinematics import kinematics
@@ -31,8 +32,8 @@ PATIENCE = 5.0
 class PyBulletArm:
     """An ``Arm`` simulated by PyBullet. ``realtime`` paces it like a real one; else it runs as fast as it can.
 
-    When its process dies, the run fails at once and the arm is unknown until ``reset``, which starts a new one, at
-    home.
+    When its process dies, the run fails at once, with the trace of what was told until then, and the arm is unknown
+    until ``reset``, which starts a new one: the arm stands where it was last known to be.
     """
 
     def __init__(self, model: ArmModel, realtime: bool = True, imperfection: Imperfection | None = None) -> None:
@@ -45,6 +46,7 @@ class PyBulletArm:
         self._finished: asyncio.Future[tuple[Any, ...]] | None = None
         self._on_progress: Callable[[Progress], None] | None = None
         self._plan: MotionPlan | None = None
+        self._kept: Recorder | None = None
         self._heard = 0.0
         self._turn = asyncio.Event()
         self._closing = False
@@ -59,7 +61,7 @@ class PyBulletArm:
         return self._process.pid if self._process is not None else None
 
     async def open(self) -> None:
-        """Start the process and wait until the arm stands at home."""
+        """Start the process; the arm stands where it was left, at home the first time."""
         if self._process is not None:
             return
         self._closing = False
@@ -76,6 +78,7 @@ class PyBulletArm:
             raise ArmFault("Timeout", f"PyBullet did not start within {OPENING:.0f} s") from None
         finally:
             self._finished = None
+        await self._send("override", self._now.override)
         self._set(mode=ArmMode.IDLE, joints=joints, at_rest=True, known=True, fault="", protective_stop=False)
 
     async def close(self) -> None:
@@ -99,17 +102,24 @@ class PyBulletArm:
             raise StartRefused("Internal", f"{self.model.name} is not connected: open it first")
         self._plan, self._on_progress = plan, on_progress
         finished = self._finished = asyncio.get_running_loop().create_future()
+        how = f", {self._imperfection.label()}" if self._imperfection else ""
+        source = f"{self.model.name}, simulated by PyBullet until its process ended{how}"
+        kept = self._kept = Recorder(self.model, source)
         self._set(mode=ArmMode.RUNNING, at_rest=False)
         self._heard = time.monotonic()
         try:
             await self._send("run", plan)
             ended = await self._end_of(finished)
+        except ArmFault as fault:
+            trace = await asyncio.to_thread(kept.trace) if len(kept) else None
+            raise ArmFault(fault.failure, fault.text, trace) from None
         except asyncio.CancelledError:
             await asyncio.shield(self.stop("the run was cancelled"))
             raise
         finally:
             if finished.done():
                 self._finished = None
+            self._kept = None
             self._tell()
         _, failure, reason, trace, _ = ended
         if failure:
@@ -152,13 +162,12 @@ class PyBulletArm:
             await self._send("override", fraction)
 
     async def reset(self) -> None:
-        """Acknowledge a protective stop; after the process died start a new one, at home."""
+        """Acknowledge a protective stop; after the process died start a new one, where the arm was last."""
         if self._finished is not None:
             raise CommandRefused("Busy", f"{self.model.name} is {self._now.mode}: stop it before a reset")
         if not self._now.known:
             await self._end_process()
             await self.open()
-            await self.set_override(self._now.override)
         elif self._now.mode is ArmMode.PROTECTIVE_STOP:
             self._set(protective_stop=False, fault="", mode=ArmMode.IDLE)
 
@@ -172,7 +181,7 @@ class PyBulletArm:
                 env={**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
             )
         pipe = Connection(ours.detach())
-        pipe.send((self.model, self._realtime, self._imperfection))
+        pipe.send((self.model, self._now.joints, self._realtime, self._imperfection))
         return process, pipe
 
     def _listen(self, loop: asyncio.AbstractEventLoop, process: subprocess.Popen[bytes], pipe: Connection) -> None:
@@ -195,8 +204,10 @@ class PyBulletArm:
             return
         self._heard = time.monotonic()
         match message:
-            case ("progress", float(at), joints):
+            case ("progress", float(at), joints, rows):
                 self._set(joints=joints)
+                if self._kept is not None:
+                    self._kept.extend(rows)
                 if self._plan is not None and self._on_progress is not None and self._finished is not None:
                     self._on_progress(Progress(at / self._plan.duration, at, self._plan.stage_at(at)))
             case ("phase", "paused", joints):

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from sim.arm import ArmModel
+from sim.arm import ArmModel, Floats
 from sim.bullet_world import AT_REST, BulletWorld
 from sim.execution import Execution, Phase, Recorder
 from sim.imperfection import Imperfection
@@ -32,9 +32,12 @@ Message = tuple[Any, ...]
 class Worker:
     """Runs one plan at a time. Commands come in on a thread of their own; the simulation has the main one."""
 
-    def __init__(self, pipe: Connection, model: ArmModel, realtime: bool, imperfection: Imperfection | None) -> None:
+    def __init__(
+        self, pipe: Connection, model: ArmModel, joints: Floats, realtime: bool, imperfection: Imperfection | None
+    ) -> None:
         self._pipe = pipe
         self._world = BulletWorld(model)
+        self._world.place(joints)
         self._model = model
         self._realtime = realtime
         self._imperfection = imperfection
@@ -91,7 +94,9 @@ class Worker:
         recorder.add(execution, now, world.measure()[0])
         began, told, ticks = time.monotonic(), 0.0, 0
         while execution.phase is not Phase.ENDED:
-            began += self._obey(execution)
+            self._obey(execution, recorder)
+            if execution.phase is Phase.ENDED:
+                break
             before, now = now, execution.tick()
             if faults is None:
                 world.step(before, now, dt)
@@ -107,8 +112,8 @@ class Worker:
             wall = time.monotonic()
             if wall - told > PROGRESS_PERIOD:
                 told = wall
-                self._pipe.send(("progress", execution.path_time, tuple(recorder.measured().tolist())))
-            ahead = ticks * dt - (wall - began)
+                self._tell(execution, recorder)
+            ahead = execution.clock - (wall - began)
             if self._realtime and ahead > AHEAD:
                 time.sleep(ahead)
         for _ in range(int(SETTLE / dt)):
@@ -116,13 +121,21 @@ class Worker:
             if np.abs(world.measure()[1]).max() < AT_REST:
                 break
 
-    def _obey(self, execution: Execution) -> float:
-        """Take what has been commanded; wait while paused. Return the time in s that was spent waiting."""
+    def _tell(self, execution: Execution, recorder: Recorder) -> None:
+        """Tell where the arm is, and what was recorded since: the trace of a run outlives this process."""
+        at = tuple(recorder.measured().tolist())
+        self._pipe.send(("progress", execution.path_time, at, recorder.new_rows()))
+
+    def _obey(self, execution: Execution, recorder: Recorder) -> None:
+        """Take what has been commanded; wait while paused."""
+        joints = execution.joints()
+        paused = execution.phase is Phase.PAUSED
+        if paused:
+            recorder.add(execution, joints, self._world.measure()[0])
+            self._tell(execution, recorder)
         began = time.monotonic()
-        waited = False
         while execution.phase is Phase.PAUSED or not self._commands.empty():
             if execution.phase is Phase.PAUSED and self._commands.empty():
-                waited = True
                 self._pipe.send(("phase", "paused", tuple(self._world.measure()[0].tolist())))
             command, *values = self._commands.get()
             if command == "pause":
@@ -139,7 +152,9 @@ class Worker:
                 execution.stop("the arm was closed")
                 self._commands.put(("close",))
                 break
-        return time.monotonic() - began if waited else 0.0
+        if paused:
+            execution.rest(time.monotonic() - began)
+            recorder.add(execution, joints, self._world.measure()[0])
 
 
 def main() -> None:
@@ -147,8 +162,8 @@ def main() -> None:
     pipe = Connection(int(sys.argv[1]))
     parent = os.getppid()
     try:
-        model, realtime, imperfection = pipe.recv()
-        worker = Worker(pipe, model, realtime, imperfection)
+        model, joints, realtime, imperfection = pipe.recv()
+        worker = Worker(pipe, model, np.array(joints), realtime, imperfection)
         threading.Thread(target=worker.listen, args=(parent,), daemon=True).start()
         worker.serve()
     except (EOFError, BrokenPipeError, KeyboardInterrupt):

@@ -339,6 +339,12 @@ async def test_a_simulation_killed_in_mid_motion_fails_its_job_within_a_second(w
     async with asyncio.timeout(LIMIT):
         while not (await visitor.session.read("Machines/paced/Arm/Known"))[0]:
             await asyncio.sleep(0.01)
+        while not len((await world.paced.trace(job_id)).times):
+            await asyncio.sleep(0.01)
+    again = await visitor.workstation("paced").arm()
+    assert np.allclose(again.position, reading.position, atol=1e-9), "the reset moved the arm"
+    await world.paced.go_home()
+    await world.is_home()
     await world.paced.release_queue()
     await world.still_serves()
 

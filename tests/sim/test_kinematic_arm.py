@@ -1,16 +1,19 @@
 """The arm without a simulator does what every arm must."""
 
 import asyncio
+import time
 
+import numpy as np
 import pytest
 from drawn_motion import DrawnMotion
 
 from sim import arms
 from sim.arm import Arm, ArmFault, ArmMode
-from sim.conformance import ArmConformance, outcome
+from sim.conformance import ArmConformance, line_plan, outcome
 from sim.imperfection import Imperfection
 from sim.kinematic_arm import KinematicArm
 from sim.plan import MotionOrder, plan_motion
+from sim.traces import to_csv
 
 
 class TestKinematicPanda(ArmConformance):
@@ -87,3 +90,27 @@ async def test_a_good_arm_stays_in_the_tube():
     )
     _, _, trace = await ended(order, None, spread=1e-4)
     assert trace.events == ()
+
+
+async def test_the_times_of_a_trace_are_the_clocks_and_a_pause_is_seen_in_them():
+    arm = KinematicArm(arms.load(), realtime=True)
+    await arm.open()
+    plan = line_plan(arm.model, 0.06)
+    began = time.monotonic()
+    run = asyncio.create_task(arm.run(plan, lambda _: None))
+    async with asyncio.timeout(60.0):
+        while arm.state().mode is not ArmMode.RUNNING:
+            await asyncio.sleep(0)
+        await arm.pause("a look")
+        paused = time.monotonic()
+        while time.monotonic() < paused + 1.0:
+            await asyncio.sleep(0.01)
+        await arm.resume()
+        trace = await run
+    assert plan.duration + 1.0 <= trace.times[-1] <= time.monotonic() - began
+    assert (np.diff(trace.times) >= 0.0).all()
+    resting = np.flatnonzero(trace.override == 0.0)
+    assert trace.times[resting[-1]] - trace.times[resting[0]] >= 1.0
+    assert not trace.dispense[trace.override < 1.0].any()
+    with_pause = np.loadtxt(to_csv(trace).splitlines(), comments="#", delimiter=",", skiprows=2)
+    assert np.array_equal(with_pause[:, 0], trace.times)

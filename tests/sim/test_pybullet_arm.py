@@ -131,7 +131,7 @@ async def test_pause_and_resume_leave_the_path_by_less_than_ten_micrometres(pool
     assert (trace.override == 0.0).any()
     assert (np.diff(trace.path_times) >= 0.0).all()
     assert trace.tracking_error()[1] < 1e-5
-    assert left_path(trace, plan) < 1e-5
+    assert left_path(trace, plan, arm.model) < 1e-5
 
 
 async def test_a_run_paced_like_a_real_arm_takes_its_time_and_leaves_the_event_loop_free(pool):
@@ -164,8 +164,32 @@ async def test_a_stop_from_75_millimetres_a_second_takes_at_most_five(pool):
     assert ended.trace.path_times[slowing][0] < plan.times[last]
     way = np.diff(ended.trace.tool_measured[slowing], axis=0)
     assert np.sqrt((way**2).sum(axis=1)).sum() < 5e-3
-    assert left_path(ended.trace, plan) < 1e-6
+    assert left_path(ended.trace, plan, arm.model) < 1e-6
     assert ended.trace.tracking_error()[1] < 1e-5
+
+
+async def test_an_override_set_while_closed_is_obeyed_by_the_first_run_and_a_pause_is_in_the_trace():
+    arm = PyBulletArm(arms.load(), realtime=False)
+    await arm.set_override(0.25)
+    await arm.open()
+    try:
+        assert arm.state().override == 0.25
+        plan = line_plan(arm.model, 0.03)
+        run = asyncio.create_task(arm.run(plan, lambda _: None))
+        await until(lambda: arm.state().mode is ArmMode.RUNNING)
+        await arm.pause("a look")
+        paused = asyncio.get_running_loop().time()
+        await until(lambda: asyncio.get_running_loop().time() > paused + 1.0)
+        await arm.resume()
+        trace = await run
+    finally:
+        await arm.close()
+    assert trace.override.max() == 0.25
+    assert trace.times[-1] >= 4.0 * plan.duration + 1.0
+    resting = np.flatnonzero(trace.override == 0.0)
+    assert trace.times[resting[-1]] - trace.times[resting[0]] >= 1.0
+    assert np.ptp(trace.path_times[resting]) == 0.0
+    assert not trace.dispense[resting].any()
 
 
 @pytest.mark.slow

@@ -8,11 +8,13 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from sim import arms
 from sim.arm import ArmFault, ArmMode, StartRefused
 from sim.conformance import away, line_plan, outcome, refusal
+from sim.plan import plan_home
 from sim.pybullet_arm import PyBulletArm
 from tests.processes import alive
 
@@ -40,13 +42,21 @@ async def test_killing_the_simulation_fails_the_run_by_name_within_a_second(name
         assert isinstance(ended, ArmFault)
         assert ended.failure == "Interrupted"
         assert "SIGKILL" in ended.text
-        assert (arm.state().known, arm.state().mode) == (False, ArmMode.FAULT)
+        last = arm.state()
+        assert (last.known, last.mode) == (False, ArmMode.FAULT)
+        assert ended.trace is not None
+        assert np.array_equal(ended.trace.joints_measured[-1], last.joints)
+        assert 0.0 < ended.trace.path_times[-1] < plan.duration
+        assert ended.trace.tracking_error()[1] < 1e-4
         refused = await refusal(arm.run(plan, lambda _: None))
         assert isinstance(refused, StartRefused)
         assert "reset it first" in refused.text
         await arm.stop("already dead")
         await arm.reset()
         assert (arm.state().known, arm.state().mode) == (True, ArmMode.IDLE)
+        assert away(arm, np.array(last.joints)) < 1e-9, "a reset moved the arm"
+        home = await arm.run(plan_home(arm.model, arm.state().joints, speed_fraction=1.0), lambda _: None)
+        assert np.abs(home.joints_measured[0] - last.joints).max() < 1e-9
     finally:
         await arm.close()
 
