@@ -9,7 +9,7 @@ import pytest
 from scripted_arm import ScriptedArm
 from small_corner import small_corner
 
-from library.description import Failure, JobReport, JobState, Recipe, SkillDescription
+from library.description import Cause, Failure, JobReport, JobState, Recipe, SkillDescription
 from library.store import SkillLibrary
 from models.demonstration import Edits
 from models.options import LearningOptions
@@ -148,6 +148,39 @@ async def test_what_a_crash_left_running_is_interrupted_at_the_next_start(tmp_pa
     async with plant_with(tmp_path) as plant:
         report = await plant.library.job("old")
         assert (report.state, report.failure) == (JobState.FAILED, Failure.INTERRUPTED)
+
+
+async def test_the_override_is_kept_over_a_restart_and_a_reset_and_does_not_rise_by_itself(tmp_path: Path) -> None:
+    async with plant_with(tmp_path) as plant:
+        await plant.engine.stations["ws1"].set_override(0.35)
+    async with plant_with(tmp_path) as plant:
+        station, arm = plant.engine.stations["ws1"], plant.arms["ws1", False]
+        assert (station.speed_override, arm.state().override) == (0.35, 0.35)
+        await station.reset()
+        assert arm.state().override == 0.35
+        await arm.set_override(1.0)
+        async with asyncio.timeout(LIMIT):
+            while arm.state().override > 0.35:
+                await asyncio.sleep(0.01)
+
+
+async def test_jobs_that_a_crash_left_hold_the_queue_of_their_arm_alone_until_somebody_releases_it(
+    tmp_path: Path,
+) -> None:
+    async with await SkillLibrary.open(tmp_path / "skills.db") as library:
+        for job_id, station, mode in (("arm", "ws1", "production"), ("beside", "ws2", "simulation")):
+            await library.add_job(JobReport(job_id=job_id, kind="Execution", workstation=station, mode=mode))
+    both = (Workstation(), Workstation(name="ws2"))
+    async with plant_with(tmp_path, workstations=both) as plant:
+        first, second = (plant.engine.stations[name].queue for name in ("ws1", "ws2"))
+        assert (first.status.because, first.status.by) == (Cause.UNFINISHED_AT_START, "server")
+        assert not second.held
+    async with plant_with(tmp_path, workstations=both) as plant:
+        station = plant.engine.stations["ws1"]
+        assert station.queue.held, "a second start releases nothing"
+        await station.queue.release("olga", station.check_ready_for_release)
+    async with plant_with(tmp_path, workstations=both) as plant:
+        assert not plant.engine.stations["ws1"].queue.held
 
 
 async def test_production_needs_a_deployment_and_test_an_approval(plant: Plant) -> None:
