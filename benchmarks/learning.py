@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks import learning_laws
 from benchmarks.learning_cost import regression, scaling, speed
 from benchmarks.learning_figures import sheet
 from benchmarks.learning_material import lasa, lasa_at_hand, strokes, strokes_at_hand
@@ -49,6 +50,7 @@ def rows(figures: Path | None = None) -> Iterator[Row]:
     yield from yardstick()
     yield from _real_people()
     yield from _leave_one_out(peers)
+    yield from learning_laws.rows()
     yield from speed(peers)
     yield from regression(peers)
     yield from scaling()

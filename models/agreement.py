@@ -72,7 +72,8 @@ def two_places(points: Floats) -> TwoPlaces | None:
     ]
     split = 2 + int(np.argmin(rests))
     rest = min(rests) + waver * waver / points.shape[2]
-    if count * np.log(float((along * along).sum()) / max(rest, 1e-300)) < CHANCE[0] + CHANCE[1] * count:
+    total = float((along * along).sum())
+    if total <= rest or count * np.log(total / max(rest, 1e-300)) < CHANCE[0] + CHANCE[1] * count:
         return None
     groups = sorted((order[:split].tolist(), order[split:].tolist()), key=lambda group: -len(group))
     one, other = (where[group].mean(axis=0) for group in groups)

@@ -26,6 +26,7 @@ SHORTEST_MOTION = 1e-3
 FINEST_STEP = 0.1
 STRIDES = 128
 QUICKEST = 0.15
+THROWN = 3.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,7 +83,7 @@ def clean(demonstration: Demonstration, struck: frozenset[int], filter_window: f
     """Return the recording bridged and smoothed by a moving average of ``filter_window`` s.
 
     With ``despiking`` reflections are taken out first, recordings of more samples than ten to 2 % of the drawing are
-    thinned by medians, and the filter is never longer than the hand needs for 2 % of the drawing (zero: just so long),
+    thinned by middles, and the filter is never longer than the hand needs for 2 % of the drawing (zero: just so long),
     so that fast people keep their corners.
     """
     check(demonstration)
@@ -96,10 +97,11 @@ def clean(demonstration: Demonstration, struck: frozenset[int], filter_window: f
     seen, places = times[kept], _rows(points, usable)
     step = float(ranked(np.diff(seen), 0.5))
     if despiking:
-        crossing = _crossing(seen, places, usual_size(_some(places)))
+        size = usual_size(_some(places))
+        crossing = _crossing(seen, places, size)
         block = int(FINEST_STEP * crossing / step)
         middles, medians = _thinned(seen, places, block)
-        wrong = reflections(middles, medians, crossing)
+        wrong = reflections(middles, medians, crossing, size)
         if block > 1 or wrong.any():
             usable[kept[np.repeat(wrong, _block_sizes(len(kept), block))]] = False
             seen, places = middles[~wrong], _rows(medians, ~wrong)
@@ -148,17 +150,25 @@ def _rows(points: Floats, chosen: Bools) -> Floats:
 
 
 def _thinned(times: Floats, points: Floats, block: int) -> tuple[Floats, Floats]:
-    """Return mean times (b,) and median points (b, d) of each ``block`` samples; the ends stay where they are."""
+    """Return mean times (b,) and middle points (b, d) of each ``block`` samples; the ends stay where they are.
+
+    The middle is the mean where the samples keep together, and the geometric median where one is thrown off.
+    """
     if block < 2:
         return times, points
     whole = len(times) // block * block
+    parts = [points[first:whole:block] for first in range(block)]
     middles = np.sum([times[first:whole:block] for first in range(block)], axis=0) / block
-    medians = middle(points[:whole].reshape(-1, block, points.shape[1]))
+    places = np.add.reduce(parts) / block
+    furthest = np.maximum.reduce([norms(part - places) for part in parts])
+    thrown = np.flatnonzero(furthest > THROWN * float(ranked(furthest, 0.5)))
+    if len(thrown):
+        places[thrown] = middle(np.stack([part[thrown] for part in parts], axis=1))
     if whole < len(times):
         middles = np.append(middles, times[whole:].mean())
-        medians = np.concatenate([medians, middle(points[None, whole:])])
+        places = np.concatenate([places, middle(points[None, whole:])])
     middles[0], middles[-1] = times[0], times[-1]
-    return middles, np.asfortranarray(medians)
+    return middles, np.asfortranarray(places)
 
 
 def _block_sizes(count: int, block: int) -> NDArray[np.int64]:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.demonstration import Bools, Floats
-from models.geometry import norms, ranked, usual_size
+from models.geometry import norms, ranked
 
 LEAST_REACH = 7  # samples to either side: bursts of reflections last up to six
 PASSES = 4
@@ -21,14 +21,14 @@ LOOK_BACK = 50
 Indices = NDArray[np.int64]
 
 
-def reflections(times: Floats, points: Floats, crossing: float) -> Bools:
+def reflections(times: Floats, points: Floats, crossing: float, size: float) -> Bools:
     """Return which samples (n,) are no positions of the hand: off its track, or off its neighbours.
 
     Hampel's test, on distances, so that it sees no axes: a sample is a reflection if half of its neighbours (within
     ``crossing`` s, seven samples at least, to either side) are further away than a brisk hand comes in that time, and
-    than three deviations by what is usual among them.
+    than three deviations by what is usual among them. ``size`` in m of the drawing.
     """
-    found = _off_the_track(times, points)
+    found = _off_the_track(times, points, size)
     for _ in range(PASSES):
         kept = np.flatnonzero(~found)
         if len(kept) < 8:
@@ -40,7 +40,7 @@ def reflections(times: Floats, points: Floats, crossing: float) -> Bools:
     return found
 
 
-def _off_the_track(times: Floats, points: Floats) -> Bools:
+def _off_the_track(times: Floats, points: Floats, size: float) -> Bools:
     """Return which samples (n,) no hand could have reached: all but the longest chain of stretches without a jump.
 
     A jump is a step eight times faster than a brisk one of this recording, and 1.5 % of the drawing more.
@@ -48,7 +48,7 @@ def _off_the_track(times: Floats, points: Floats) -> Bools:
     spans = np.diff(times)
     speeds = norms(np.diff(points, axis=0)) / spans
     fastest = JUMP * float(ranked(speeds, BRISK))
-    slack = JUMP_REACH * usual_size(points)
+    slack = JUMP_REACH * size
     starts = np.concatenate([[0], np.flatnonzero(speeds * spans > fastest * spans + slack) + 1])
     ends = np.append(starts[1:], len(points)) - 1
     if len(starts) == 1:

@@ -29,9 +29,12 @@ def diagonal(points: Floats) -> float:
     The root mean square distance from their middle, times √12: for a drawing that fills its box about the box's
     diagonal, and the same however it lies. NaN if one of them is.
     """
-    flat = points.reshape(-1, points.shape[-1])
-    away = flat - flat.mean(axis=0)
-    return math.sqrt(12.0 * float((away * away).sum()) / len(flat))
+    squares = 0.0
+    for axis in range(points.shape[-1]):
+        values = points[..., axis]
+        away = values - values.mean()
+        squares += float((away * away).mean())
+    return math.sqrt(12.0 * squares)
 
 
 def usual_size(points: Floats) -> float:
@@ -47,17 +50,19 @@ def middle(points: Floats) -> Floats:
     Unlike medians of single axes it turns with the points. Weiszfeld's steps from the mean; two points have theirs
     halfway. A point that is not finite does not count; NaN where none is.
     """
-    known = np.isfinite(points).all(axis=-1, keepdims=True)
+    axes = [np.ascontiguousarray(points[..., axis]) for axis in range(points.shape[-1])]
+    known = np.isfinite(np.sum(axes, axis=0))
+    if not known.all():
+        axes = [np.where(known, axis, 0.0) for axis in axes]
     share = known.astype(np.float64)
-    filled = points if known.all() else np.where(known, points, 0.0)
     with np.errstate(invalid="ignore"):
-        found = (share * filled).sum(axis=-2) / share.sum(axis=-2)
+        found = [(share * axis).sum(axis=-1) / share.sum(axis=-1) for axis in axes]
         for _ in range(MIDDLE_STEPS):
-            away = norms(filled - found[..., None, :])
-            least = MIDDLE_FLOOR * away.max(axis=-1, keepdims=True) + 1e-300
-            weights: Floats = np.asarray(share[..., 0] / np.maximum(away, least))
-            found = (weights[..., None] * filled).sum(axis=-2) / weights.sum(axis=-1, keepdims=True)
-    return np.asarray(found)
+            away = np.sqrt(np.sum([(axis - at[..., None]) ** 2 for axis, at in zip(axes, found, strict=True)], axis=0))
+            weights = share / np.maximum(away, MIDDLE_FLOOR * away.max(axis=-1, keepdims=True) + 1e-300)
+            total = weights.sum(axis=-1)
+            found = [(weights * axis).sum(axis=-1) / total for axis in axes]
+    return np.stack(found, axis=-1)
 
 
 def ranked(values: Floats, share: float) -> Floats:

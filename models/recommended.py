@@ -63,10 +63,21 @@ def _stretches(
         still = pauses(motion)
         middles = np.interp([one.start + 0.5 * one.duration for one in still], own, common)
         if still:
-            paused[row] = tuple(replace(one, place=float(where)) for one, where in zip(still, middles, strict=True))
+            paused[row] = tuple(
+                replace(one, place=float(where), start=_recorded(one.start, motion))
+                for one, where in zip(still, middles, strict=True)
+            )
         seconds = np.interp(places, np.arange(len(motion.times), dtype=np.float64), motion.times)
         beyond = extras(drawings.curves[i], group.positions[i], path, seconds)
         middles = np.interp([one.start + 0.5 * one.duration for one in beyond], own, common)
         if beyond:
-            extra[row] = tuple(replace(one, place=float(where)) for one, where in zip(beyond, middles, strict=True))
+            extra[row] = tuple(
+                replace(one, place=float(where), start=_recorded(one.start, motion))
+                for one, where in zip(beyond, middles, strict=True)
+            )
     return paused, extra
+
+
+def _recorded(start: float, motion: CleanMotion) -> float:
+    """Return when in its recording a closed motion, begun at another of its samples, was at a time of its own."""
+    return start - motion.period if start >= motion.period else start

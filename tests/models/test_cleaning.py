@@ -116,7 +116,7 @@ def test_hands_on_a_table_far_away_are_despiked_the_same(seed: int) -> None:
     whole = drawn()
     points = whole.points + np.random.default_rng(seed).normal(0.0, 0.1e-3, whole.points.shape)
     points[300:303] += 0.03
-    near, far = (reflections(whole.times, points + offset, 0.07) for offset in (0.0, 4.0))
+    near, far = (reflections(whole.times, points + offset, 0.07, 0.12) for offset in (0.0, 4.0))
     np.testing.assert_array_equal(near, far)
     assert near[300:303].all()
 
