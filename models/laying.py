@@ -120,7 +120,8 @@ def laid(drawings: Drawings, typical: int, options: LearningOptions) -> tuple[Gr
     samples = _samples_of(drawings.places, between(group.positions, instants))
     aligned = taken_at(list(drawings.motions), samples, between(group.weights, instants))
     judged = drawings.judged
-    return group, aligned, judged[np.floor(instants).astype(np.int64)] & judged[np.ceil(instants).astype(np.int64)]
+    judged = judged[np.floor(instants).astype(np.int64)] & judged[np.ceil(instants).astype(np.int64)]
+    return group, _on_one_way(aligned, judged), judged
 
 
 def _evenly(count: int, points: int) -> Group:
@@ -128,6 +129,25 @@ def _evenly(count: int, points: int) -> Group:
     nobody = np.zeros(count, dtype=bool)
     positions = np.broadcast_to(np.arange(points, dtype=np.float64), (count, points)).copy()
     return Group(positions, np.zeros(count), np.ones(count), nobody, nobody, np.ones((count, points)))
+
+
+def _on_one_way(aligned: Correspondence, judged: Bools) -> Correspondence:
+    """Return the motions, between beads on the mean way from their own bead's end to their own next one's beginning.
+
+    How each of them goes there is no part of what they agree on: nothing is to be surer or less sure for it.
+    """
+    if judged.all():
+        return aligned
+    points = aligned.points.copy()
+    turns = np.flatnonzero(np.diff(np.concatenate([[True], judged, [True]]).astype(np.int64)))
+    for first, after in zip(turns[::2], turns[1::2], strict=True):
+        low, high = max(0, int(first) - 1), min(len(judged) - 1, int(after))
+        way = mean_of(points[:, low : high + 1], aligned.weights[:, low : high + 1])
+        share = np.linspace(0.0, 1.0, high - low + 1)[:, None]
+        begun, ended = (np.nan_to_num(points[:, at] - way[end])[:, None] for at, end in ((low, 0), (high, -1)))
+        known = np.isfinite(points[:, low : high + 1])
+        points[:, low : high + 1] = np.where(known, way + (1.0 - share) * begun + share * ended, np.nan)
+    return replace(aligned, points=points)
 
 
 def _joined(parts: Sequence[Group], sizes: Sequence[int]) -> Group:
