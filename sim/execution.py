@@ -19,6 +19,8 @@ from sim.ramps import SPARE, Ramp, Ramps
 LONGEST_TICK = 1e-3
 # Where no ramp keeps every limit, another place a little later is tried, so far; then the least evil is done.
 TRY_AGAIN, PATIENCE = 0.004, 0.2
+# Before a ramp longer than this, in s, beginning so much later is tried: it may be over sooner.
+LONG, WAITS, WELL_BEFORE = 0.12, (0.01, 0.02, 0.04, 0.08, 0.16), 0.9
 
 
 class Phase(StrEnum):
@@ -156,10 +158,24 @@ class Execution:
         top = max(self.rate, rate, self._ramp.end if self._ramp else 0.0)
         ramp, share = self._ramps.find(self.path_time, self.rate, self._slope, rate, top)
         late = self._ramp is None and self.clock - self._asked > PATIENCE
-        if share <= 1.0 + SPARE or late:
-            self._ramp, self._since, self._wanted = ramp, 0, None
-        else:
+        if share > 1.0 + SPARE and not late:
             self._next = self.clock + TRY_AGAIN
+            return
+        if self._ramp is None and not late and ramp.length > LONG:
+            wait = self._worth_waiting(ramp, top)
+            if wait:
+                self._next = self.clock + wait
+                return
+        self._ramp, self._since, self._wanted = ramp, 0, None
+
+    def _worth_waiting(self, ramp: Ramp, top: float) -> float:
+        """Return after how many s a ramp may begin that is over well before this one would be; 0 for none."""
+        soonest, best = WELL_BEFORE * ramp.length, 0.0
+        for wait in WAITS:
+            later, share = self._ramps.find(ramp.start + wait * ramp.rate, ramp.rate, 0.0, ramp.end, top)
+            if share <= 1.0 + SPARE and wait + later.length < soonest:
+                soonest, best = wait + later.length, wait
+        return best
 
     def _follow_ramp(self, ramp: Ramp) -> None:
         self._since += 1

@@ -15,6 +15,7 @@ from sim import arms
 from sim.conformance import left_path, line_plan
 from sim.execution import Execution, Phase, Recorder
 from sim.plan import MotionOrder, plan_motion
+from sim.rates import rates
 
 PLAN = line_plan(arms.load(), 0.03)
 COMMANDS = st.lists(
@@ -179,3 +180,15 @@ def test_pauses_stops_and_overrides_at_random_moments_keep_velocity_acceleration
         assert max(used) <= 1.0 + 1e-4, (plan.order, used)
         assert stop < 1.0, plan.order
         count += commands
+
+
+def test_a_plan_that_leaves_nothing_of_any_limit_is_slowed_and_stopped_within_them_too():
+    shipped, plans = places("panda")
+    plan, rng = plans[0], random.Random(5)
+    used = rates(plan.joints, plan.velocities, plan.order.time_step)
+    largest = {name: tuple(getattr(used, name).max(axis=0)) for name in ("velocity", "acceleration", "jerk")}
+    model = replace(shipped, limits=replace(shipped.limits, **largest))
+    for _ in range(5):
+        joints, dt, _, stop = commanded(plan, model, rng)
+        assert max(shares(joints, dt, model.limits)) <= 1.0 + 1e-3
+        assert stop < 1.5
