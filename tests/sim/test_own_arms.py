@@ -144,7 +144,7 @@ def test_a_workstations_own_workspace_home_and_tip_are_planned_with(panda):
 
 
 def test_travel_goes_round_a_wall_between_home_and_the_part(model):
-    wall = Cell((Box("wall", (0.42, 0.12, 0.25, 0.0, 0.0, 0.0, 1.0), (0.4, 0.01, 0.3)),))
+    wall = Cell((Box("wall", (0.42, 0.13, 0.17, 0.0, 0.0, 0.0, 1.0), (0.3, 0.01, 0.2)),))
     order = replace(ORDER, frame=(0.42, 0.26, 0.1, 0.0, 0.0, 0.0, 1.0), approach_height=0.02, retract_height=0.02)
     motion = DrawnMotion(corners=((0.0, 0.0), (0.03, 0.0), (0.03, 0.02)))
     narrow = replace(model, workspace_high=(0.8, 0.6, 0.9), workspace_low=(-0.4, -0.6, 0.005))
