@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from brute_search import could_be_run
 from drawn_motion import DrawnMotion
-from random_orders import Case, ends_pushed, five_arms, largest_shares, learned, own_arm, random_cases
+from random_orders import Case, ends_pushed, five_arms, largest_shares, own_arm, random_cases
 from scipy.spatial.transform import Rotation
 
 from sim.checks import MotionRefused
@@ -94,7 +94,7 @@ def test_what_is_accepted_at_a_constant_speed_is_accepted_at_every_lower_one():
 def test_a_gantry_plans_in_metres_and_holds_its_nozzle_as_it_can():
     gantry = own_arm("gantry")
     order = MotionOrder(time_step=0.004, timing="constant_speed", speed=0.05, frame=(0.4, 0.0, 0.1, 0.0, 0.0, 0.0, 1.0))
-    plan = plan_motion(learned("flat"), order, gantry)
+    plan = plan_motion(DrawnMotion(), order, gantry)  # pyright: ignore[reportArgumentType]
     assert largest_shares(plan, gantry).max() <= 1.0
     assert np.abs(plan.joints[:, :2] - plan.tool[:, :2]).max() < 1e-9
 
