@@ -19,6 +19,7 @@ from asyncua.crypto import uacrypto
 from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
 from asyncua.ua.attribute_ids import AttributeIds
 from asyncua.ua.object_ids import ObjectIds
+from asyncua.ua.status_codes import StatusCodes
 from asyncua.ua.ua_binary import struct_from_binary, variant_to_binary
 from cryptography.hazmat.primitives import serialization
 from cryptography.hazmat.primitives.asymmetric import rsa
@@ -74,7 +75,7 @@ class Event:
     skill_name: str = ""
 
 
-SESSION_ENDED = frozenset({ua.StatusCodes.BadSessionClosed, ua.StatusCodes.BadSessionIdInvalid})
+SESSION_ENDED = frozenset({StatusCodes.BadSessionClosed, StatusCodes.BadSessionIdInvalid})
 
 
 class Session:
