@@ -62,8 +62,10 @@ def cut(
     for index, (motion, presses) in enumerate(zip(motions, pressed, strict=True)):
         beads = presses or ((0, len(motion.times) - 1),)
         if len(beads) < common:
-            words = f"the button was pressed {len(presses)} times where the others pressed it {common} times"
-            lacking[index] = Remark(f"{words}: draw it again", code="other-beads")
+            words = (
+                f"the button was pressed {len(presses)} times where the others pressed it {common} times: draw it again"
+            )
+            lacking[index] = Remark(words, code="other-beads")
         way = arc_lengths(motion.points)
         while len(beads) > common:
             gaps = [float(way[after[0]] - way[before[1]]) for before, after in pairwise(beads)]
