@@ -57,7 +57,8 @@ class RunPage:
             with ui.element("div").classes("sheet stack"):
                 self.arm_sheet = ArmSheet(self.frame)
         self.frame.on_refresh(self.refresh)  # at once: reading below takes its time
-        await self.order.read(skill, recipe, version)
+        # the page is there before the server has checked what was chosen: planning takes its time
+        ui.timer(0.05, lambda: self.order.read(skill, recipe, version), once=True)
         ui.timer(0.5, self.order.look)
 
     def _view(self) -> None:

@@ -1,6 +1,10 @@
 """What learning says of demonstrations, options and models."""
 
 LEARNING = {
+    "the button was pressed {n} times where the others pressed it {n2} times": (
+        "der Knopf wurde {n}-mal gedrückt, wo die anderen ihn {n2}-mal drückten"
+    ),
+    "{t}: draw it again": "{t}: noch einmal zeichnen",
     # verdicts
     "{t1}; {t2}": "{t1}; {t2}",
     "{t1}, {t2}": "{t1}, {t2}",
