@@ -166,7 +166,9 @@ class ArmConformance:
             trace = await arm.run(plan, lambda _: None)
             on_path = plan.orientations[plan.path_rows[0] : plan.path_rows[1] + 1]
             lean = angles_between(on_path, np.tile(on_path[0], (len(on_path), 1)))
-            assert abs(lean.max() - math.radians(30.0)) < 1e-3
+            # An arm with fewer axes than that takes holds the nozzle as it can, and its plan tells so.
+            told = any(finding.code == "NoIkSolution" for finding in plan.findings)
+            assert told or abs(lean.max() - math.radians(30.0)) < 1e-3
             assert angles_between(trace.orientation_commanded, plan.orientations).max() < 1e-6
             assert trace.orientation_error()[1] <= self.turning
             assert trace.tracking_error()[1] <= self.tracking

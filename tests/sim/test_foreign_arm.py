@@ -1,15 +1,33 @@
-"""The conformance suite passes for an arm that is not shipped."""
+"""Arms that are not shipped do what every arm must, and are simulated like any other."""
 
 from random_orders import own_arm
 
 from sim.arm import Arm
-from sim.conformance import ArmConformance
+from sim.conformance import ArmConformance, line_plan
 from sim.kinematic_arm import KinematicArm
+from sim.pybullet_arm import PyBulletArm
 
 
 class TestKinematicUR5e(ArmConformance):
     tracking = 0.0
     turning = 0.0
+    name = "ur5e"
 
     def make_arm(self) -> Arm:
-        return KinematicArm(own_arm("ur5e"), realtime=False)
+        return KinematicArm(own_arm(self.name), realtime=False)
+
+
+class TestKinematicGantry(TestKinematicUR5e):
+    name = "gantry"
+
+
+async def test_an_arm_whose_joints_slide_is_simulated_by_pybullet():
+    arm = PyBulletArm(own_arm("gantry"), realtime=False)
+    await arm.open()
+    try:
+        plan = line_plan(arm.model, 0.03)
+        trace = await arm.run(plan, lambda _: None)
+    finally:
+        await arm.close()
+    assert len(trace.times) == plan.samples
+    assert trace.tracking_error()[1] < 5e-6
