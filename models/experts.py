@@ -71,7 +71,7 @@ class Search:
         short, count = 0, 1
         while not self.with_components(count).misfit.says_all:
             if count == MOST:
-                return min(self._fits.values(), key=lambda one: one.misfit.square)
+                return self._nearest()
             short, count = count, min(MOST, count + max(1, count // 4))
         while count - short > 1:
             middle = (count + short) // 2
@@ -80,6 +80,14 @@ class Search:
             else:
                 short = middle
         return self.with_components(count)
+
+    def _nearest(self) -> JudgedFit:
+        """Return the nearest fit where none says all: with as many components as there may be, unless given up."""
+        found = min(self._fits.values(), key=lambda one: one.misfit.square)
+        if self._patient or found.misfit.agrees:
+            return found
+        patient = Search(self.people, True).with_components(MOST)
+        return min(found, patient, key=lambda one: one.misfit.square)
 
     def _starts(self, count: int) -> Iterator[Handover]:
         """Give starts on the edges of the best polygon, sharp and wide, and one on even stretches of the clock."""
