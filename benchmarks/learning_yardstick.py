@@ -110,10 +110,11 @@ def drawn_by(number: int, seed: int, drawing: Drawing) -> list[Demonstration]:
     for person in range(number):
         count = round(100.0 * generator.uniform(6.0, 14.0))
         times = np.arange(count) / 100.0
-        pace = 1.0 + 0.5 * sum(
+        paces = [
             generator.uniform(-0.5, 0.5) * np.sin(2.0 * np.pi * rate * times / times[-1] + generator.uniform(0.0, 6.3))
             for rate in (1.0, 2.0, 3.0)
-        )
+        ]
+        pace = 1.0 + 0.5 * np.sum(paces, axis=0)
         way = np.concatenate([[0.0], np.cumsum(pace[1:])])
         own = at(way / way[-1] * lengths[-1], lengths, truth)
         angle = generator.normal(0.0, min(np.deg2rad(1.0), hand / radius))
