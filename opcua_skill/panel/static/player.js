@@ -57,14 +57,13 @@ export default {
     pose(joints) { this.joints = joints; if (!this.run) this.drawSpace(); },
     // run: times [s], commanded and measured [[x, y, z] mm], joints: packed, rad, or empty
     load(run) {
-      this.run = run; this.trail = [];
+      this.run = run; this.trail = []; this.title = run.title; this.measured = run.measured_word; this.playing = false;
       const bytes = Uint8Array.from(atob(run.joints), (c) => c.charCodeAt(0));
       run.joints = new Float32Array(bytes.buffer);
       run.dof = run.joints.length / Math.max(run.times.length, 1);
       this.length = run.times.length ? run.times[run.times.length - 1] : 0;
       this.at = 0;
       this.draw();
-      this.title = run.title; this.measured = run.measured_word; this.playing = false;
       this.$el.dataset.loaded = run.job;
     },
     plan(points) { this.planned = points; if (!this.run) this.draw(); },
