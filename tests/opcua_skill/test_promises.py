@@ -27,7 +27,8 @@ FIRST_ROLE = {
         Machines/ws1/Recorder: GetRecording ListDemonstrations GetDemonstration""",
     "operator": """
         SkillLibrary: GetRecipe ListRecipes
-        Machines/ws1: ExecuteSkill PauseJob ResumeJob AbortJob
+        Machines/ws1: ExecuteSkill CheckRun PauseJob ResumeJob AbortJob
+        Machines/ws1/Queue: HoldQueue ReleaseQueue
         Machines/ws1/Arm: ProtectiveStop Reset GoHome
         Machines/ws1/Arm/Lock: InitLock RenewLock ExitLock""",
     "teacher": """
@@ -36,6 +37,8 @@ FIRST_ROLE = {
     "engineer": """
         SkillLibrary: Approve Reject Deploy Withdraw Retire PutRecipe DeleteRecipe GetAuditTrail
         Machines/ws1/Arm/Lock: BreakLock""",
+    "admin": """
+        SkillLibrary: ListSessions EndSession""",
 }
 """Section 7 of docs/interface.md: the first role that may call each method; those after it may too."""
 
