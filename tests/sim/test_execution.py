@@ -143,11 +143,11 @@ def shares(joints, step, limits):
 def commanded(plan, model, rng):
     """Run a plan with commands at random moments, often while a ramp is under way, and a stop as the last of them.
 
-    Return the joints (n, dof) at every tick, how many commands there were, and how long the stop took in s.
+    Return the joints (n, dof) at every tick, the tick in s, the number of commands, and how long the stop took in s.
     """
     execution = Execution(plan, model, rng.choice([1.0, 0.5]))
     joints, count, when = [plan.joints[0]], 0, rng.uniform(0.0, 0.9 * plan.duration)
-    stopping = False
+    stopping, asked = False, 0.0
     while execution.phase is not Phase.ENDED:
         if not stopping and execution.clock >= when:
             count += 1
