@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from random_orders import Case
 from scipy.spatial.transform import Rotation
 
+from sim.checks import MOST_LEAN
 from sim.clearance import Cell, check_clearance, part_box
 from sim.holding import Holding
 from sim.kinematics import Kinematics, kinematics
@@ -103,7 +104,9 @@ def _spare(chain: Kinematics, joints: Floats, drift: Floats) -> Floats:
 def _met(chain: Kinematics, joints: Floats, point: Floats, rotation: Floats) -> NDArray[np.bool_]:
     errors = np.abs(_errors(chain, joints, point, rotation))
     if chain.dof < 6:
-        return errors[:, :3].max(axis=1) < REACH
+        # Few axes lean the nozzle, but not by more than is of use.
+        along = chain.forward(joints)[1][:, :, 2] @ rotation[:, 2]
+        return (errors[:, :3].max(axis=1) < REACH) & (along > np.cos(np.deg2rad(MOST_LEAN)))
     return errors.max(axis=1) < REACH
 
 
