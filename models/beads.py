@@ -33,6 +33,8 @@ def beads_of(motion: CleanMotion) -> Beads:
     """
     turns = np.flatnonzero(np.diff(np.concatenate([[False], motion.triggers, [False]]).astype(np.int64)))
     presses = [(int(first), int(after) - 1) for first, after in zip(turns[::2], turns[1::2], strict=True)]
+    if len(presses) < 2:
+        return tuple(presses)
     way = arc_lengths(motion.points)
     least = CHATTER * diagonal(motion.points)
     while len(presses) > 1:
@@ -66,7 +68,7 @@ def cut(
                 f"the button was pressed {len(presses)} times where the others pressed it {common} times: draw it again"
             )
             lacking[index] = Remark(words, code="other-beads")
-        way = arc_lengths(motion.points)
+        way = arc_lengths(motion.points) if len(beads) > common else np.zeros(0)
         while len(beads) > common:
             gaps = [float(way[after[0]] - way[before[1]]) for before, after in pairwise(beads)]
             beads = tuple(_joined(beads, int(np.argmin(gaps))))

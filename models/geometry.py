@@ -32,8 +32,9 @@ def diagonal(points: Floats) -> float:
     squares = 0.0
     for axis in range(points.shape[-1]):
         values = points[..., axis]
-        away = values - values.mean()
-        squares += float((away * away).mean())
+        away = values - np.add.reduce(values, axis=None) / values.size
+        away *= away
+        squares += float(np.add.reduce(away, axis=None) / values.size)
     return math.sqrt(12.0 * squares)
 
 
@@ -50,19 +51,24 @@ def middle(points: Floats) -> Floats:
     Unlike medians of single axes it turns with the points. Weiszfeld's steps from the mean; two points have theirs
     halfway. A point that is not finite does not count; NaN where none is.
     """
-    axes = [np.ascontiguousarray(points[..., axis]) for axis in range(points.shape[-1])]
-    known = np.isfinite(np.sum(axes, axis=0))
-    if not known.all():
-        axes = [np.where(known, axis, 0.0) for axis in axes]
+    axes = np.ascontiguousarray(np.moveaxis(points, -1, 0), dtype=np.float64)
+    known = np.isfinite(axes).all(axis=0)
+    whole = bool(known.all())
     share = known.astype(np.float64)
+    count = float(axes.shape[-1]) if whole else np.add.reduce(share, axis=-1)
+    axes = axes if whole else np.where(known, axes, 0.0)
     with np.errstate(invalid="ignore"):
-        found = [(share * axis).sum(axis=-1) / share.sum(axis=-1) for axis in axes]
+        found = np.add.reduce(axes, axis=-1) / count
         for _ in range(MIDDLE_STEPS):
-            away = np.sqrt(np.sum([(axis - at[..., None]) ** 2 for axis, at in zip(axes, found, strict=True)], axis=0))
-            weights = share / np.maximum(away, MIDDLE_FLOOR * away.max(axis=-1, keepdims=True) + 1e-300)
-            total = weights.sum(axis=-1)
-            found = [(weights * axis).sum(axis=-1) / total for axis in axes]
-    return np.stack(found, axis=-1)
+            gaps = axes - found[..., None]
+            gaps *= gaps
+            away = np.add.reduce(gaps, axis=0)
+            np.sqrt(away, out=away)
+            np.maximum(away, MIDDLE_FLOOR * np.maximum.reduce(away, axis=-1, keepdims=True) + 1e-300, out=away)
+            weights = np.divide(share, away, out=away)
+            np.multiply(axes, weights, out=gaps)
+            found = np.add.reduce(gaps, axis=-1) / np.add.reduce(weights, axis=-1)
+    return np.stack(list(found), axis=-1)
 
 
 def ranked(values: Floats, share: float) -> Floats:

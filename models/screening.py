@@ -75,16 +75,17 @@ def screened(motions: list[CleanMotion], options: LearningOptions, tell: Progres
         findings += turned
     if options.place == "free":
         drawings = drawn(laid_freely(list(drawings.motions), drawings.curves), _beads(drawings, beads))
+    typical = reference_of(drawings.shapes)
     names, left_out = [motion.demonstration_id for motion in motions], dict[int, Remark]()
     others = other_shapes(names, drawings.shapes)
     if options.reject_outliers:
         left_out.update(others)
-        for index in against_direction(drawings.shapes, reference_of(drawings.shapes)):
+        for index in against_direction(drawings.shapes, typical):
             words = "drawn in the opposite direction: draw it again from the other end"
             left_out[index] = Remark(words, code="opposite-direction")
     rows = [row for row in range(len(motions)) if row not in left_out]
     kept = drawings.of(rows)
-    group, aligned, judged = laid(kept, reference_of(kept.shapes), options)
+    group, aligned, judged = laid(kept, reference_of(kept.shapes) if left_out else typical, options)
     found = Screened(drawings, who, rows, group, aligned, judged, left_out, in_part, lacking, findings)
     tell(0.5, "aligning")
     _without_odd_ones(found, options, tell)

@@ -116,11 +116,13 @@ def _still(motion: CleanMotion) -> Bools:
     if 2 * half + 1 > len(motion.points):
         return np.zeros(len(motion.points), dtype=bool)
     smooth = moving_average(motion.points, round(LENGTH_WINDOW * motion.crossing / step))
-    index = np.arange(len(smooth))
     reach = np.zeros(len(smooth))
-    for offset in np.unique(np.linspace(0, half, LOOKED_AT + 1).round().astype(np.int64)):
-        for beside in (np.maximum(index - offset, 0), np.minimum(index + offset, len(smooth) - 1)):
-            np.maximum(reach, norms(smooth[beside] - smooth), out=reach)
+    for offset in sorted({round(half * look / LOOKED_AT) for look in range(1, LOOKED_AT + 1)} - {0}):
+        between = norms(smooth[offset:] - smooth[:-offset])
+        np.maximum(reach[offset:], between, out=reach[offset:])
+        np.maximum(reach[:-offset], between, out=reach[:-offset])
+        np.maximum(reach[:offset], norms(smooth[:offset] - smooth[0]), out=reach[:offset])
+        np.maximum(reach[-offset:], norms(smooth[-offset:] - smooth[-1]), out=reach[-offset:])
     limit = max(STILL * _usual_way(smooth, 2 * half + 1), STILL_SIZE * diagonal(motion.points))
     centres = (2.0 * reach < limit) & motion.known
     return np.asarray(maximum_filter1d(centres.astype(np.int8), 2 * half + 1, mode="constant") > 0, dtype=bool)
