@@ -112,11 +112,13 @@ def clean(demonstration: Demonstration, struck: frozenset[int], filter_window: f
     grid = np.linspace(seen[0], seen[-1], min(count, MOST_SAMPLES))
     even = _resampled(seen, places, grid)
     triggers = demonstration.triggers[_nearest(times, grid)]
-    crossing, parts = _crossing(grid, even, diagonal(even)), [slice(None)]
+    size, parts = diagonal(even), [slice(None)]
     if despiking:
         parts = _presses(triggers)
-        largest = max((diagonal(even[part]) for part in parts if triggers[part][0]), default=np.inf)
-        crossing = _crossing(grid, even, min(diagonal(even), largest))
+        if len(parts) > 1:
+            size = min(size, max((diagonal(even[part]) for part in parts if triggers[part][0]), default=np.inf))
+    crossing = _crossing(grid, even, size)
+    if despiking:
         filter_window = min(filter_window or crossing, crossing)
     window = round(filter_window * (len(grid) - 1) / (grid[-1] - grid[0]))
     smooth = np.concatenate([moving_average(even[part], window) for part in parts])
@@ -238,7 +240,9 @@ def _crossing(times: Floats, points: Floats, size: float) -> float:
     of its way: rests do not lower it. It is measured over 128 strides, so that trembling is no pace; the quickest
     strides may be reflections. Who goes all of the way needs 2 % of the recording for it at most.
     """
-    paces = np.sort(norms(np.diff(_some(points), axis=0)) / np.diff(_some(times)))
+    places, instants = _some(points), _some(times)
+    paces = norms(places[1:] - places[:-1]) / (instants[1:] - instants[:-1])
+    paces.sort()
     paces = paces[: max(1, round((1.0 - QUICKEST) * len(paces)))]
     gone = np.cumsum(paces)
     usual = float(paces[int(np.searchsorted(gone, 0.5 * gone[-1]))])

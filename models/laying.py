@@ -63,7 +63,7 @@ def drawn(motions: Sequence[CleanMotion], beads: Sequence[Beads]) -> Drawings:
 
     256 points follow most of them to the millimetre; a raster or a weave gets twenty an edge, 1024 at most.
     """
-    ways = shares(motions, beads)
+    ways = shares(motions, beads) if len(beads[0]) > 1 else [1.0]
     total = sum(ways)
     coarse = _sampled(motions, beads, _split(ways, total, POINTS))
     some = coarse.curves[some_of(coarse.curves, COUNTED)]

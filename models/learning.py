@@ -125,8 +125,10 @@ def _learn(
     tell(0.4, "aligning")
     pipeline = fit_as_published if options.preset == "paper" else fit_recommended
     fitted = pipeline([motions[index] for index in order], options, tell)
+    longest = [max((one.share for one in fitted.pauses.get(row, ())), default=0.0) for row in fitted.rows]
+    usual_pause = float(np.median(longest))
     for row, index in enumerate(order):
-        verdicts[index] = _verdict(motions[index], fitted, row)
+        verdicts[index] = _verdict(motions[index], fitted, row, usual_pause)
     motion = Motion(
         fitted.mixture.means,
         fitted.mixture.covariances,
@@ -201,9 +203,8 @@ def _left_out(name: str, reason: str, fault: Literal["invalid", "excluded"]) -> 
     return Verdict(name, VerdictKind.LEFT_OUT, reason, None, None, fault, fault)
 
 
-def _verdict(motion: CleanMotion, fitted: Fitted, row: int) -> Verdict:
-    longest = [max((one.share for one in fitted.pauses.get(other, ())), default=0.0) for other in fitted.rows]
-    did = what_it_did(fitted.pauses.get(row, ()), fitted.extras.get(row, ()), float(np.median(longest)))
+def _verdict(motion: CleanMotion, fitted: Fitted, row: int, usual_pause: float) -> Verdict:
+    did = what_it_did(fitted.pauses.get(row, ()), fitted.extras.get(row, ()), usual_pause)
     name = motion.demonstration_id
     if row in fitted.left_out:
         remark = fitted.left_out[row]

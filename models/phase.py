@@ -44,10 +44,13 @@ def at(positions: Floats, knots: Floats, values: Floats) -> Floats:
 def from_chord(path: Floats) -> Floats:
     """Return how far in m each point of a path (n, d) is from the straight line between its ends: (n,)."""
     chord = path[-1] - path[0]
-    inner = path - path[0]
-    square = float((chord * chord).sum())
-    along = np.clip((inner * chord).sum(axis=1) / square, 0.0, 1.0) if square > 0 else np.zeros(len(inner))
-    return norms(inner - along[:, None] * chord)
+    square = float(np.add.reduce(chord * chord))
+    inner = [column - column[0] for column in path.T]
+    if square > 0:
+        along = sum(gap * way for gap, way in zip(inner, chord, strict=True)) / square
+        along = np.minimum(np.maximum(along, 0.0), 1.0)
+        inner = [gap - along * way for gap, way in zip(inner, chord, strict=True)]
+    return np.sqrt(sum(gap * gap for gap in inner))
 
 
 def corners(path: Floats, tolerance: float) -> tuple[int, ...]:

@@ -171,30 +171,22 @@ def _normal_equations(target: Target, guess: _Guess, path: _Path, pace: Floats) 
     """Return J'J and J'r of the distances across the path, in standard errors, for centres, extents and lines."""
     components, outputs = len(guess.centres), guess.lines.shape[1]
     values, slopes = guess.lines[:components], guess.lines[components:]
-    size, count = 2 * components * (1 + outputs), len(target.clock)
-    matrix, right = np.zeros((size, size)), np.zeros(size)
+    count, directions = len(target.clock), _across(target, pace)
     ends = np.repeat(np.sqrt(ENDS) * np.eye(outputs)[:, None], 2, axis=1)
-    rest = target.values - path.points
-    rates = np.exp(-guess.logarithms)[:, None]
-    for rows, directions in ((slice(None), _across(target, pace)), ([0, -1], ends)):
-        share, offset = path.activations[:, rows], path.offsets[:, rows]
-        for direction in directions:
-            way = direction * target.weights[rows]
-            line = slopes @ way.T
-            beside = values @ way.T + line * offset - (way * path.points[rows]).sum(axis=1)
-            moving = share * (beside * offset - line)
-            ours = way.T[None]
-            jacobian = np.concatenate(
-                [
-                    moving * rates,
-                    moving * offset,
-                    (share[:, None] * ours).reshape(components * outputs, -1),
-                    ((share * offset)[:, None] * ours).reshape(components * outputs, -1),
-                ]
-            )
-            matrix += jacobian @ jacobian.T
-            right += jacobian @ (way * rest[rows]).sum(axis=1)
-    return matrix / count, right / count
+    places = np.concatenate([np.tile(np.arange(count), outputs), np.tile([0, count - 1], outputs)])
+    way = np.concatenate([directions.reshape(-1, outputs), ends.reshape(-1, outputs)]) * target.weights[places]
+    share, offset = path.activations[:, places], path.offsets[:, places]
+    line = slopes @ way.T
+    beside = values @ way.T + line * offset - (way * path.points[places]).sum(axis=1)
+    moving = share * (beside * offset - line)
+    jacobian = np.empty((2 * components * (1 + outputs), len(way)))
+    np.multiply(moving, np.exp(-guess.logarithms)[:, None], out=jacobian[:components])
+    np.multiply(moving, offset, out=jacobian[components : 2 * components])
+    ours = jacobian[2 * components :].reshape(2, components, outputs, -1)
+    np.multiply(share[:, None], way.T, out=ours[0])
+    np.multiply(ours[0], offset[:, None], out=ours[1])
+    missing = (way * (target.values - path.points)[places]).sum(axis=1)
+    return jacobian @ jacobian.T / count, jacobian @ missing / count
 
 
 def _across(target: Target, pace: Floats) -> Floats:

@@ -10,7 +10,6 @@ None of it changes the path that is learned (a pause changes the timing); an ope
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d
 from scipy.spatial import cKDTree
 
 from models.cleaning import CleanMotion, moving_average
@@ -116,16 +115,19 @@ def _still(motion: CleanMotion) -> Bools:
     if 2 * half + 1 > len(motion.points):
         return np.zeros(len(motion.points), dtype=bool)
     smooth = moving_average(motion.points, round(LENGTH_WINDOW * motion.crossing / step))
-    reach = np.zeros(len(smooth))
+    count = len(smooth)
+    within = [np.concatenate([np.full(half, axis[0]), axis, np.full(half, axis[-1])]) for axis in smooth.T]
+    reach = np.zeros(count)
     for offset in sorted({round(half * look / LOOKED_AT) for look in range(1, LOOKED_AT + 1)} - {0}):
-        between = norms(smooth[offset:] - smooth[:-offset])
-        np.maximum(reach[offset:], between, out=reach[offset:])
-        np.maximum(reach[:-offset], between, out=reach[:-offset])
-        np.maximum(reach[:offset], norms(smooth[:offset] - smooth[0]), out=reach[:offset])
-        np.maximum(reach[-offset:], norms(smooth[-offset:] - smooth[-1]), out=reach[-offset:])
+        gaps = [axis[offset:] - axis[:-offset] for axis in within]
+        squares = sum(gap * gap for gap in gaps)
+        for begin in (half, half - offset):
+            np.maximum(reach, squares[begin : begin + count], out=reach)
     limit = max(STILL * _usual_way(smooth, 2 * half + 1), STILL_SIZE * diagonal(motion.points))
-    centres = (2.0 * reach < limit) & motion.known
-    return np.asarray(maximum_filter1d(centres.astype(np.int8), 2 * half + 1, mode="constant") > 0, dtype=bool)
+    centres = (2.0 * np.sqrt(reach) < limit) & motion.known
+    before = np.concatenate([np.zeros(half + 1, dtype=np.int64), np.cumsum(centres)])
+    before = np.concatenate([before, np.full(half, before[-1])])
+    return before[2 * half + 1 :] > before[:count]
 
 
 def _usual_way(points: Floats, window: int) -> float:
