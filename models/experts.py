@@ -47,16 +47,13 @@ class Search:
         self._clock = np.linspace(0.0, 1.0, len(shape))
         self._polygons = best_polygons(shape[::2], MOST)
         self._corners: list[tuple[int, ...]] = []
+        self._tried: dict[int, list[tuple[Fit, float]]] = {}
         self._fits: dict[int, JudgedFit] = {}
 
     def with_components(self, count: int) -> JudgedFit:
         """Return the nearest fit with so many components."""
         if count not in self._fits:
-            tried: list[tuple[Fit, float]] = []
-            for start in self._starts(count):
-                if len(tried) > 1 and not self._patient and min(cost for _, cost in tried) > HOPELESS:
-                    break
-                tried.append(refined(self._target, start, self._patient))
+            tried = self._refined(count)
             nearest = min(cost for _, cost in tried)
             near = [fit for fit, cost in tried if cost <= max(nearest, HOPELESS)]
             judged = [self._judged(held(self.people, fit)) for fit in near]
@@ -69,13 +66,13 @@ class Search:
         Above eight components more are added by a quarter at a time, and then halved back.
         """
         short, count = 0, 1
-        while not self.with_components(count).misfit.says_all:
+        while not self._says_all(count):
             if count == MOST:
                 return self._nearest()
             short, count = count, min(MOST, count + max(1, count // 4))
         while count - short > 1:
             middle = (count + short) // 2
-            if self.with_components(middle).misfit.says_all:
+            if self._says_all(middle):
                 count = middle
             else:
                 short = middle
@@ -83,11 +80,26 @@ class Search:
 
     def _nearest(self) -> JudgedFit:
         """Return the nearest fit where none says all: with as many components as there may be, unless given up."""
-        found = min(self._fits.values(), key=lambda one: one.misfit.square)
+        found = min(map(self.with_components, self._tried), key=lambda one: one.misfit.square)
         if self._patient or found.misfit.agrees:
             return found
         patient = Search(self.people, True).with_components(MOST)
         return min(found, patient, key=lambda one: one.misfit.square)
+
+    def _says_all(self, count: int) -> bool:
+        """Return whether so many components say all: what is hopeless needs no closer look."""
+        nearest = min(cost for _, cost in self._refined(count))
+        return nearest <= HOPELESS and self.with_components(count).misfit.says_all
+
+    def _refined(self, count: int) -> list[tuple[Fit, float]]:
+        """Return the fits with so many components that are reached from its starts, and their mean squared distance."""
+        if count not in self._tried:
+            tried = self._tried[count] = []
+            for start in self._starts(count):
+                if len(tried) > 1 and not self._patient and min(cost for _, cost in tried) > HOPELESS:
+                    break
+                tried.append(refined(self._target, start, self._patient))
+        return self._tried[count]
 
     def _starts(self, count: int) -> Iterator[Handover]:
         """Give starts on the edges of the best polygon, sharp and wide, and one on even stretches of the clock."""

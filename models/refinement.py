@@ -106,25 +106,24 @@ def refined(target: Target, start: Handover, patient: bool) -> tuple[Fit, float]
 
 
 def _evaluated(guess: _Guess) -> _Path:
-    components = len(guess.centres)
     offsets = (guess.clock - guess.centres[:, None]) * np.exp(-guess.logarithms)[:, None]
     shares = offsets * offsets
     shares -= shares.min(axis=0)
     shares *= -0.5
     np.exp(shares, out=shares)
     shares /= shares.sum(axis=0)
-    points = shares.T @ guess.lines[:components] + (shares * offsets).T @ guess.lines[components:]
-    return _Path(shares, offsets, points)
+    both = np.concatenate([shares, shares * offsets])
+    return _Path(shares, offsets, both.T @ guess.lines)
 
 
 def _pace(guess: _Guess, path: _Path) -> Floats:
     """Return the change (n, m) of a path with the clock."""
-    components = len(guess.centres)
     rates = np.exp(-guess.logarithms)[:, None]
-    turning = -path.offsets * rates
-    change = path.activations * (turning - (path.activations * turning).sum(axis=0))
-    values, slopes = guess.lines[:components], guess.lines[components:]
-    return change.T @ values + (change * path.offsets + path.activations * rates).T @ slopes
+    turning = path.offsets * -rates
+    change = path.activations * turning
+    change -= path.activations * np.add.reduce(change, axis=0)
+    both = np.concatenate([change, change * path.offsets + path.activations * rates])
+    return both.T @ guess.lines
 
 
 def _footed(target: Target, guess: _Guess) -> tuple[_Guess, _Path]:
