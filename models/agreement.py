@@ -51,17 +51,16 @@ def places(points: Floats) -> tuple[Floats, float]:
     return where, float(np.sqrt(np.nanmean((rest * rest).sum(axis=2))))
 
 
-def two_places(points: Floats) -> TwoPlaces | None:
-    """Return the two groups in which motions (u, n, d) lie, None if they may well be one.
+def two_places(where: Floats, waver: float) -> TwoPlaces | None:
+    """Return the two groups in which motions lie, None if they may well be one, by their ``places``: (u, d) and m.
 
     They are two if the likelihood of two places, against one, is greater than chance makes it once in 500 groups of
     normally scattered people: 7 + 1.6 u, simulated for 4 to 40 people whose places scatter 1.7 times as far as their
     hands waver (real ones: 0.6 to 1.7 times). Nobody is a group alone.
     """
-    count = len(points)
+    count, dimension = where.shape
     if count < 4:
         return None
-    where, waver = places(points)
     centred = where - where.mean(axis=0)
     line = centred @ np.linalg.svd(centred, full_matrices=False)[2][0]
     order = np.argsort(line, kind="stable")
@@ -71,26 +70,25 @@ def two_places(points: Floats) -> TwoPlaces | None:
         for k in range(2, count - 1)
     ]
     split = 2 + int(np.argmin(rests))
-    rest = min(rests) + waver * waver / points.shape[2]
+    rest = min(rests) + waver * waver / dimension
     total = float((along * along).sum())
     if total <= rest or count * np.log(total / max(rest, 1e-300)) < CHANCE[0] + CHANCE[1] * count:
         return None
     groups = sorted((order[:split].tolist(), order[split:].tolist()), key=lambda group: -len(group))
     one, other = (where[group].mean(axis=0) for group in groups)
     inside = sum(float(((where[group] - where[group].mean(axis=0)) ** 2).sum()) for group in groups)
-    band = np.sqrt((inside / (count - 2) + waver * waver) / points.shape[2])
+    band = np.sqrt((inside / (count - 2) + waver * waver) / dimension)
     size = float(norms(one - other))
     return TwoPlaces(tuple(sorted(groups[0])), tuple(sorted(groups[1])), size, bool(size > BANDS * 2.0 * band))
 
 
-def elsewhere(points: Floats) -> dict[int, Floats]:
-    """Return who of three motions or more (u, n, d) draws in another place than the others, and how far from them
-    (d,), in m: seven times as far from the middle as is usual among them and as hands waver, taken together.
+def elsewhere(where: Floats, waver: float) -> dict[int, Floats]:
+    """Return who of three motions or more draws in another place than the others, by their ``places``, and how far from
+    them (d,), in m: seven times as far from the middle as is usual among them and as hands waver, taken together.
     """
-    count = len(points)
+    count = len(where)
     if count < 3:
         return {}
-    where, waver = places(points)
     away = norms(where - middle(where))
     usual = float(np.hypot(np.median(away), waver))
     far = [int(row) for row in np.argsort(-away, kind="stable")[: (count - 1) // 2] if away[row] > 2.0 * FAR * usual]

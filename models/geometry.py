@@ -51,23 +51,23 @@ def middle(points: Floats) -> Floats:
     Unlike medians of single axes it turns with the points. Weiszfeld's steps from the mean; two points have theirs
     halfway. A point that is not finite does not count; NaN where none is.
     """
-    axes = np.ascontiguousarray(np.moveaxis(points, -1, 0), dtype=np.float64)
+    axes = np.array([np.moveaxis(points[..., axis], -1, 0) for axis in range(points.shape[-1])], dtype=np.float64)
     known = np.isfinite(axes).all(axis=0)
     whole = bool(known.all())
-    share = known.astype(np.float64)
-    count = float(axes.shape[-1]) if whole else np.add.reduce(share, axis=-1)
+    share = 1.0 if whole else known.astype(np.float64)
+    count = float(len(known)) if whole else np.add.reduce(share, axis=0)
     axes = axes if whole else np.where(known, axes, 0.0)
     with np.errstate(invalid="ignore"):
-        found = np.add.reduce(axes, axis=-1) / count
+        found = np.add.reduce(axes, axis=1) / count
         for _ in range(MIDDLE_STEPS):
-            gaps = axes - found[..., None]
+            gaps = axes - found[:, None]
             gaps *= gaps
             away = np.add.reduce(gaps, axis=0)
             np.sqrt(away, out=away)
-            np.maximum(away, MIDDLE_FLOOR * np.maximum.reduce(away, axis=-1, keepdims=True) + 1e-300, out=away)
+            np.maximum(away, MIDDLE_FLOOR * np.maximum.reduce(away, axis=0) + 1e-300, out=away)
             weights = np.divide(share, away, out=away)
             np.multiply(axes, weights, out=gaps)
-            found = np.add.reduce(gaps, axis=-1) / np.add.reduce(weights, axis=-1)
+            found = np.add.reduce(gaps, axis=1) / np.add.reduce(weights, axis=0)
     return np.stack(list(found), axis=-1)
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from models.agreement import TwoPlaces, disagreement, elsewhere, two_places
+from models.agreement import TwoPlaces, disagreement, elsewhere, places, two_places
 from models.beads import Beads, between_samples, cut
 from models.cleaning import CleanMotion
 from models.correspondence import Correspondence, Progress, Remark
@@ -139,13 +139,16 @@ def _from_one_start(drawings: Drawings) -> tuple[Drawings, list[Finding]]:
 
 def _without_odd_ones(found: Screened, options: LearningOptions, tell: Progress) -> None:
     """Take out who does not fit the others, and say what is to be known of the places in which people drew."""
-    groups = two_places(found.aligned.points[:, found.judged])
+    located = places(found.aligned.points[:, found.judged])
+    groups = two_places(*located)
     if groups is not None:
         _two_places(found, groups, options)
     for turn in range(ROUNDS if options.reject_outliers else 0):
         tell(0.55 + 0.04 * turn, "aligning")
         points, weights = (values[:, found.judged] for values in (found.aligned.points, found.aligned.weights))
-        odd = {row: drawn_elsewhere(offset) for row, offset in elsewhere(points).items()}
+        if turn or groups is not None:
+            located = places(points)
+        odd = {row: drawn_elsewhere(offset) for row, offset in elsewhere(*located).items()}
         if not odd:
             odd = odd_ones(points, weights, np.flatnonzero(found.judged) / (len(found.judged) - 1.0))
         if not odd:
