@@ -164,11 +164,14 @@ def _thinned(times: Floats, points: Floats, block: int) -> tuple[Floats, Floats]
     places = np.add.reduce(parts) / block
     furthest = np.maximum.reduce([norms(part - places) for part in parts])
     thrown = np.flatnonzero(furthest > THROWN * float(ranked(furthest, 0.5)))
-    if len(thrown):
-        places[thrown] = middle(np.stack([part[thrown] for part in parts], axis=1))
-    if whole < len(times):
+    rest = np.full((int(whole < len(times)), block, points.shape[1]), np.nan)
+    if len(thrown) or len(rest):
+        rest[:, : len(times) - whole] = points[whole:]
+        unsure = middle(np.concatenate([np.stack([part[thrown] for part in parts], axis=1), rest]))
+        places[thrown] = unsure[: len(thrown)]
+        places = np.concatenate([places, unsure[len(thrown) :]])
+    if len(rest):
         middles = np.append(middles, times[whole:].mean())
-        places = np.concatenate([places, middle(points[None, whole:])])
     middles[0], middles[-1] = times[0], times[-1]
     return middles, np.asfortranarray(places)
 

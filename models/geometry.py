@@ -23,6 +23,14 @@ def norms(vectors: Floats) -> Floats:
     return np.sqrt(squares)
 
 
+def dots(ones: Floats, others: Floats) -> Floats:
+    """Return the scalar products (...,) of vectors (..., d)."""
+    products = ones[..., 0] * others[..., 0]
+    for axis in range(1, ones.shape[-1]):
+        products = products + ones[..., axis] * others[..., axis]
+    return products
+
+
 def diagonal(points: Floats) -> float:
     """Return the size in m of points (..., d): the length of the straight line that is as spread out as they are.
 
@@ -51,23 +59,25 @@ def middle(points: Floats) -> Floats:
     Unlike medians of single axes it turns with the points. Weiszfeld's steps from the mean; two points have theirs
     halfway. A point that is not finite does not count; NaN where none is.
     """
-    axes = np.array([np.moveaxis(points[..., axis], -1, 0) for axis in range(points.shape[-1])], dtype=np.float64)
+    last = points.ndim - 1
+    axes = np.ascontiguousarray(points.transpose(last, last - 1, *range(last - 1)), dtype=np.float64)
     known = np.isfinite(axes).all(axis=0)
     whole = bool(known.all())
-    share = 1.0 if whole else known.astype(np.float64)
-    count = float(len(known)) if whole else np.add.reduce(share, axis=0)
-    axes = axes if whole else np.where(known, axes, 0.0)
+    counted = np.concatenate([axes if whole else np.where(known, axes, 0.0), known[None]])
+    gaps, away = np.empty_like(axes), np.empty(axes.shape[1:])
     with np.errstate(invalid="ignore"):
-        found = np.add.reduce(axes, axis=1) / count
+        sums = np.add.reduce(counted, axis=1)
+        # who does not count is put into the middle of the others: nowhere is he the furthest
+        axes = counted[:-1] if whole else np.where(known, axes, (sums[:-1] / sums[-1])[:, None])
         for _ in range(MIDDLE_STEPS):
-            gaps = axes - found[:, None]
-            gaps *= gaps
-            away = np.add.reduce(gaps, axis=0)
+            np.subtract(axes, (sums[:-1] / sums[-1])[:, None], out=gaps)
+            np.multiply(gaps, gaps, out=gaps)
+            np.add.reduce(gaps, axis=0, out=away)
             np.sqrt(away, out=away)
             np.maximum(away, MIDDLE_FLOOR * np.maximum.reduce(away, axis=0) + 1e-300, out=away)
-            weights = np.divide(share, away, out=away)
-            np.multiply(axes, weights, out=gaps)
-            found = np.add.reduce(gaps, axis=1) / np.add.reduce(weights, axis=0)
+            np.divide(1.0, away, out=away)
+            sums = counted @ away if away.ndim == 1 else np.add.reduce(counted * away, axis=1)
+        found = sums[:-1] / sums[-1]
     return np.stack(list(found), axis=-1)
 
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from models.demonstration import Floats
-from models.geometry import norms
+from models.geometry import dots, norms
 from models.handover import ALONG, Fit, Handover, local_lines
 from models.yardstick import WINDOW, MeanPath
 
@@ -134,8 +134,8 @@ def _footed(target: Target, guess: _Guess) -> tuple[_Guess, _Path]:
     part = slice(0, target.dimension)
     for _ in range(2):
         pace = _pace(guess, path)[:, part]
-        square = (pace * pace).sum(axis=1) + ALONG * target.length**2
-        ahead = ((target.values[:, part] - path.points[:, part]) * pace).sum(axis=1) / square
+        square = dots(pace, pace) + ALONG * target.length**2
+        ahead = dots(target.values[:, part] - path.points[:, part], pace) / square
         clock = guess.clock + np.minimum(np.maximum(ahead, -0.25 * WINDOW), 0.25 * WINDOW)
         clock = np.minimum(np.maximum(clock, target.clock - WINDOW), target.clock + WINDOW)
         clock = np.maximum.accumulate(np.minimum(np.maximum(clock, 0.0), 1.0))
@@ -172,11 +172,11 @@ def _normal_equations(target: Target, guess: _Guess, path: _Path, pace: Floats) 
     values, slopes = guess.lines[:components], guess.lines[components:]
     count, directions = len(target.clock), _across(target, pace)
     ends = np.repeat(np.sqrt(ENDS) * np.eye(outputs)[:, None], 2, axis=1)
-    places = np.concatenate([np.tile(np.arange(count), outputs), np.tile([0, count - 1], outputs)])
+    places = np.concatenate([np.arange(count)] * outputs + [np.array([0, count - 1])] * outputs)
     way = np.concatenate([directions.reshape(-1, outputs), ends.reshape(-1, outputs)]) * target.weights[places]
     share, offset = path.activations[:, places], path.offsets[:, places]
     line = slopes @ way.T
-    beside = values @ way.T + line * offset - (way * path.points[places]).sum(axis=1)
+    beside = values @ way.T + line * offset - dots(way, path.points[places])
     moving = share * (beside * offset - line)
     jacobian = np.empty((2 * components * (1 + outputs), len(way)))
     np.multiply(moving, np.exp(-guess.logarithms)[:, None], out=jacobian[:components])
@@ -184,7 +184,7 @@ def _normal_equations(target: Target, guess: _Guess, path: _Path, pace: Floats) 
     ours = jacobian[2 * components :].reshape(2, components, outputs, -1)
     np.multiply(share[:, None], way.T, out=ours[0])
     np.multiply(ours[0], offset[:, None], out=ours[1])
-    missing = (way * (target.values - path.points)[places]).sum(axis=1)
+    missing = dots(way, (target.values - path.points)[places])
     return jacobian @ jacobian.T / count, jacobian @ missing / count
 
 
