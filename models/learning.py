@@ -7,7 +7,7 @@ and ``models.paper``.
 # pyright: reportMissingTypeStubs=false, reportAttributeAccessIssue=false
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict, fields, replace
 from functools import cache
 from typing import Any, Literal
 
@@ -310,5 +310,7 @@ def _report(
 def _told(found: Mapping[int, Sequence[Pause | Extra]], names: Sequence[str]) -> tuple[dict[str, Any], ...]:
     """Return what was found of each motion, with the id of its demonstration."""
     return tuple(
-        {"demonstration_id": names[row], **asdict(one)} for row, several in sorted(found.items()) for one in several
+        {"demonstration_id": names[row]} | {field.name: getattr(one, field.name) for field in fields(one)}
+        for row, several in sorted(found.items())
+        for one in several
     )

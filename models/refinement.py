@@ -220,8 +220,8 @@ def _stepped(guess: _Guess, matrix: Floats, right: Floats, damping: float, only_
     moves = np.linalg.solve(damped, right)
     reach = 2.0 * np.exp(guess.logarithms)
     return _Guess(
-        guess.centres + np.clip(moves[:components], -reach, reach),
-        guess.logarithms + np.clip(moves[components:free], -0.7, 0.7),
+        guess.centres + np.minimum(np.maximum(moves[:components], -reach), reach),
+        guess.logarithms + np.minimum(np.maximum(moves[components:free], -0.7), 0.7),
         guess.lines + moves[free:].reshape(-1, outputs),
         guess.clock,
     )

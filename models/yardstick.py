@@ -130,16 +130,18 @@ def retimed(path: Floats, mean: Floats, window: float = WINDOW) -> Floats:
     """
     count = len(path)
     reach = max(2, round(window * count))
-    offsets = np.arange(-reach, reach + 1)
-    segments = np.clip(np.arange(count)[:, None] + offsets, 0, count - 2)
-    gaps = [own[:, None] - other[segments] for own, other in zip(path.T, mean.T, strict=True)]
-    steps = [np.diff(other)[segments] for other in mean.T]
-    squares = np.maximum(sum(step * step for step in steps), 1e-300)
-    along = np.clip(sum(gap * step for gap, step in zip(gaps, steps, strict=True)) / squares, 0.0, 1.0)
+    index = np.arange(count)
+    segments = np.clip(index + np.arange(-reach, reach + 1)[:, None], 0, count - 2)
+    walked = np.diff(mean, axis=0)
+    gaps = [own - other[segments] for own, other in zip(path.T, mean.T, strict=True)]
+    steps = [other[segments] for other in walked.T]
+    squares = np.maximum(sum(step * step for step in walked.T), 1e-300)[segments]
+    along = sum(gap * step for gap, step in zip(gaps, steps, strict=True)) / squares
+    along = np.minimum(np.maximum(along, 0.0), 1.0)
+    reached = segments + along
     away = sum((gap - along * step) ** 2 for gap, step in zip(gaps, steps, strict=True))
-    moved = STAYING * float(norms(np.diff(mean, axis=0)).mean()) * (segments + along - np.arange(count)[:, None])
-    nearest = np.argmin(away + moved * moved, axis=1)
-    everyone = np.arange(count)
-    where = segments[everyone, nearest] + along[everyone, nearest]
+    moved = STAYING * float(norms(walked).mean()) * (reached - index)
+    nearest = np.argmin(away + moved * moved, axis=0)
+    where = reached[nearest, index]
     where[0], where[-1] = 0.0, count - 1.0
     return np.minimum(np.maximum.accumulate(where), count - 1.0)
