@@ -16,6 +16,7 @@ from small_corner import small_corner
 
 from opcua_skill.client import ArmLinks, JobReport, JobTrace, Mode, Recipe, Skill, SkillClient
 from sim.arms import load
+from sim.plan import MotionOrder
 
 if TYPE_CHECKING:
     from tests.conftest import Plant
@@ -117,7 +118,10 @@ async def test_the_same_skill_and_recipe_run_on_all_three_unchanged(deployed: Ce
     # The recipe's frame is not turned: in the arm's base the path is moved, and lifted by the standoff.
     lifted = np.column_stack([path.points, np.full(len(path.points), deployed.recipe.standoff)])
     wanted = lifted + np.array(deployed.recipe.frame[:3])
-    assert len({report.path_error for report in reports}) == 1, "the path itself does not depend on the arm"
+    # Each arm has its own pace in corners, so its samples cut them elsewhere: by no more than the recipe allows.
+    assert all(
+        0.0 < rms <= largest <= MotionOrder().chord_tolerance for rms, largest in (one.path_error for one in reports)
+    )
     for arm, report in zip(ARMS, reports, strict=True):
         assert (report.state, report.failure, report.mode) == ("Completed", "None", "production")
         assert 0.0 < report.tracking_error[0] <= report.tracking_error[1] <= 5e-5, arm

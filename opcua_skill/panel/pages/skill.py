@@ -2,7 +2,7 @@
 
 import asyncio
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 from urllib.parse import quote
@@ -158,10 +158,12 @@ class SkillPage:
                 'data-mark="target"'
             )
             ui.space()
-            self.undo_button = ui.button(icon="undo", on_click=self.undo).props("flat dense").props('data-mark="undo"')
-            self.undo_button.tooltip(words("Undo (U)"))
-            self.redo_button = ui.button(icon="redo", on_click=self.redo).props("flat dense").props('data-mark="redo"')
-            self.redo_button.tooltip(words("Redo (Shift+U)"))
+            self.undo_button = self._tool("undo", words("Undo (U)"), self.undo)
+            self.redo_button = self._tool("redo", words("Redo (Shift+U)"), self.redo)
+
+    def _tool(self, icon: str, name: str, act: Callable[[], Any]) -> ui.button:
+        button = ui.button(icon=icon, on_click=act).props(f'flat dense data-mark="{icon}" aria-label="{name}"')
+        return button.tooltip(name)
 
     def _editing(self) -> None:
         words = self.words
