@@ -134,7 +134,8 @@ def interrupt_unfinished(connection: sql.Connection) -> list[JobReport]:
     One that cannot be read any more is failed too, and holds the queue of its workstation: it may have moved the arm.
     """
     query = sql.select(jobs).where(jobs.c.state.not_in(FINAL_JOB_STATES)).order_by(jobs.c.number)
-    found, to_look_at = [], set()
+    found: list[JobReport] = []
+    to_look_at: set[str] = set()
     for row in connection.execute(query).all():
         try:
             report = _report(row)

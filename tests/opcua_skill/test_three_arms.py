@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from tests.conftest import Plant
 
 ARMS = ("panda", "xarm6", "iiwa14")
+LINE_ERROR = 1e-5
+"""Samples of the learned path 1 ms apart are up to 0.05 mm apart: their chords cut a bend of 0.1 mm by 3 µm."""
 SETTINGS = "".join(f'[[workstations]]\nname = "{name}"\narm = "{name}"\nrealtime = false\n\n' for name in ARMS)
 LIMIT = 120.0
 pytestmark = [pytest.mark.slow, pytest.mark.asyncio(loop_scope="module")]
@@ -114,7 +116,7 @@ async def test_the_same_skill_and_recipe_run_on_all_three_unchanged(deployed: Ce
         assert np.array_equal(model.means, deployed.skill.means)
         assert np.array_equal(model.covariances, deployed.skill.covariances)
     reports = await asyncio.gather(*(deployed.run(arm, deployed.recipe.recipe_id) for arm in ARMS))
-    path = await deployed.people["mes"].path("corner", recipe_id=deployed.recipe.recipe_id)
+    path = await deployed.people["mes"].path("corner", time_step=0.001)
     # The recipe's frame is not turned: in the arm's base the path is moved, and lifted by the standoff.
     lifted = np.column_stack([path.points, np.full(len(path.points), deployed.recipe.standoff)])
     wanted = lifted + np.array(deployed.recipe.frame[:3])
@@ -127,11 +129,19 @@ async def test_the_same_skill_and_recipe_run_on_all_three_unchanged(deployed: Ce
         assert 0.0 < report.tracking_error[0] <= report.tracking_error[1] <= 5e-5, arm
         trace = await deployed.trace(arm, report)
         assert len(trace.times) == report.samples
-        first = int(np.argmin(np.linalg.norm(trace.commanded - wanted[0], axis=1)))
-        driven = trace.commanded[first : first + len(wanted)]
-        assert np.abs(driven - wanted).max() < 1e-8, "every arm follows the very same points"
+        first, last = (int(np.argmin(np.linalg.norm(trace.commanded - end, axis=1))) for end in (wanted[0], wanted[-1]))
+        away = off_the_line(trace.commanded[first : last + 1], wanted)
+        assert away.max() < LINE_ERROR, "every arm follows the very same path, at its own pace"
         apart = np.linalg.norm(trace.measured - trace.commanded, axis=1)
         assert (np.sqrt(np.mean(apart**2)), apart.max()) == pytest.approx(report.tracking_error)
+
+
+def off_the_line(points: np.ndarray, line: np.ndarray) -> np.ndarray:
+    """Return how far points (n, 3) are from a line through points (m, 3), m."""
+    starts, along = line[:-1], np.diff(line, axis=0)
+    squared = np.maximum((along**2).sum(axis=1), 1e-30)
+    share = np.clip(((points[:, None] - starts) * along).sum(axis=2) / squared, 0.0, 1.0)
+    return np.linalg.norm(points[:, None] - starts - share[..., None] * along, axis=2).min(axis=1)
 
 
 def tip_by_the_links(links: ArmLinks, joints: np.ndarray) -> np.ndarray:

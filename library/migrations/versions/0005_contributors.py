@@ -34,8 +34,8 @@ def upgrade() -> None:
 
 def _fill() -> None:
     connection = op.get_bind()
-    columns = [sql.column(name) for name in ("skill_name", "version", "created_by", "provenance", "contributors")]
-    versions = sql.table("versions", *columns)
+    names = ("skill_name", "version", "created_by", "provenance", "contributors")
+    versions = sql.table("versions", *(sql.column(name, sql.String) for name in names))
     known: dict[tuple[str, int], list[str]] = {}
     rows = sql.select(versions).order_by(versions.c.skill_name, versions.c.version)
     for row in connection.execute(rows).all():
