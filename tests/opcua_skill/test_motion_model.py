@@ -254,7 +254,9 @@ class Day(RuleBasedStateMachine):
             await asyncio.wait(set(self.pending))
         await asyncio.sleep(0.006)
 
-    def until(self, what: str, true: Callable[[], bool]) -> None:
+    def comes_true(self, true: Callable[[], bool]) -> bool:
+        """Wait until something is true; return False if it is not within the limit."""
+
         async def wait() -> None:
             while not true():
                 await asyncio.sleep(0.001)
@@ -262,7 +264,11 @@ class Day(RuleBasedStateMachine):
         try:
             self.run(wait())
         except TimeoutError:
-            raise AssertionError(f"within {LIMIT} s this did not come true: {what}") from None
+            return False
+        return True
+
+    def until(self, what: str, true: Callable[[], bool]) -> None:
+        assert self.comes_true(true), f"within {LIMIT} s this did not come true: {what}"
 
     def a_job(self, pick: int) -> str:
         """Return one of the last jobs, or the one that runs."""
@@ -273,14 +279,17 @@ class Day(RuleBasedStateMachine):
         return self.job_ids[-1 - pick % min(len(self.job_ids), 4)] if self.job_ids else "none"
 
     def under_way(self, wanted: bool) -> None:
-        """See to it that one job runs and another waits, if that is wanted: what follows then happens to them."""
+        """See to it that one job runs and another waits, if that is wanted: what follows then happens to them.
+
+        Calls that still go on from earlier may be in its way; that a released queue begins is asked for in the evening.
+        """
         if not wanted or self.arm._motion is not None:
             return
         self.put_right()
         if not self.shift.station.queue.held:
             self.execute(None, 0)
-            self.until("a job begins", lambda: self.arm.moves or self.shift.station.queue.held)
-            self.execute(None, 0)
+            if self.comes_true(lambda: self.arm.moves or self.shift.station.queue.held):
+                self.execute(None, 0)
 
     # What people ask for
 
