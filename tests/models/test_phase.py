@@ -24,10 +24,13 @@ def test_norms_are_numpys_in_any_shape(seed: int, shape: list[int], dimension: i
 
 @LAWS
 @given(seeds, st.integers(1, 3))
-def test_the_diagonal_is_that_of_the_box(seed: int, dimension: int) -> None:
-    points = np.random.default_rng(seed).normal(size=(4, 9, dimension))
-    reach = points.reshape(-1, dimension).max(axis=0) - points.reshape(-1, dimension).min(axis=0)
-    np.testing.assert_allclose(diagonal(points), np.sqrt((reach * reach).sum()))
+def test_the_size_is_that_of_a_line_as_spread_out_and_the_same_however_it_lies(seed: int, dimension: int) -> None:
+    generator = np.random.default_rng(seed)
+    points = generator.normal(size=(4, 9, dimension))
+    turned = points @ np.linalg.qr(generator.normal(size=(dimension, dimension)))[0]
+    np.testing.assert_allclose(diagonal(turned), diagonal(points))
+    line = np.linspace(0.0, 1.0, 4001)[:, None] * points[0, 0]
+    np.testing.assert_allclose(diagonal(line), np.linalg.norm(points[0, 0]), rtol=1e-3)
     assert np.isnan(diagonal(np.array([[0.0, np.nan]])))
 
 

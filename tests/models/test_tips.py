@@ -33,7 +33,7 @@ def motion(points: np.ndarray) -> CleanMotion:
 def test_the_tip_of_a_hairpin_is_as_deep_as_people_drew_it_on_average(apart: float) -> None:
     """Seven people go down a stroke and up again, each to another depth, the two legs ``apart`` mm from each other.
 
-    The moving average alone takes 0.6 mm off a tip that is passed at full speed.
+    The path keeps within two standard errors of what they drew on average, here 1.6 mm.
     """
     depths = np.array([7.0, 8.5, 9.0, 10.0, 11.0, 12.5, 13.0])
     people = [
@@ -41,7 +41,8 @@ def test_the_tip_of_a_hairpin_is_as_deep_as_people_drew_it_on_average(apart: flo
         for i, depth in enumerate(depths)
     ]
     path = learn(people, compare=False).motion.points_at(np.linspace(0.0, 1.0, 4000))
-    assert 1e3 * path[:, 1].min() == pytest.approx(depths.mean(), abs=0.9)
+    sure = depths.std(ddof=1) / np.sqrt(len(depths))
+    assert 1e3 * path[:, 1].min() == pytest.approx(depths.mean(), abs=2.0 * sure)
 
 
 def test_a_zigzags_corners_are_sharp_and_a_curves_are_not() -> None:

@@ -105,6 +105,7 @@ def write(folder: Path, certificate: x509.Certificate, name: str) -> Path:
     """Write a certificate and its key as a client's; return the folder."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "client.der").write_bytes(certificate.public_bytes(DER))
+    (folder / "client.pem").touch(mode=0o600)
     (folder / "client.pem").write_bytes(
         key(name).private_bytes(
             serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
