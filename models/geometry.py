@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from models.demonstration import Floats
+from models.demonstration import Bools, Floats
 
 MIDDLE_STEPS = 12  # each takes most of the rest away; a reflection among ten is left with a thousandth of its pull
 MIDDLE_FLOOR = 1e-3  # of the furthest point: nearer ones do not pull harder
@@ -61,7 +61,7 @@ def middle(points: Floats) -> Floats:
     """
     last = points.ndim - 1
     axes = np.ascontiguousarray(points.transpose(last, last - 1, *range(last - 1)), dtype=np.float64)
-    known = np.isfinite(axes).all(axis=0)
+    known: Bools = np.logical_and.reduce(np.isfinite(axes), axis=0)
     whole = bool(known.all())
     counted = np.concatenate([axes if whole else np.where(known, axes, 0.0), known[None]])
     gaps, away = np.empty_like(axes), np.empty(axes.shape[1:])

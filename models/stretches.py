@@ -120,7 +120,7 @@ def _still(motion: CleanMotion) -> Bools:
     reach = np.zeros(count)
     for offset in sorted({round(half * look / LOOKED_AT) for look in range(1, LOOKED_AT + 1)} - {0}):
         gaps = [axis[offset:] - axis[:-offset] for axis in within]
-        squares = sum(gap * gap for gap in gaps)
+        squares = np.sum([gap * gap for gap in gaps], axis=0)
         for begin in (half, half - offset):
             np.maximum(reach, squares[begin : begin + count], out=reach)
     limit = max(STILL * _usual_way(smooth, 2 * half + 1), STILL_SIZE * diagonal(motion.points))
