@@ -3,8 +3,8 @@
 The fastest speed along a path under bounds on joint velocity and acceleration follows Bobrow, Dubowsky and Gibson
 (1985): a ceiling at every place, then one sweep forward and one back with the acceleration allowed there. Two short
 moving averages in time make the jerk finite (Biagiotti and Melchiorri, Trajectory Planning, section 4.5). So that the
-average stays below the ceiling, dips of the ceiling are widened and peaks of the speed are cut flat by as much time as
-the averages take (erosion and opening, Serra, 1982). Joint moves and straight lines are ruckig's (Berscheid and
+average stays below the ceiling, dips of the ceiling are widened by as much time as the averages take (erosion, Serra,
+1982), and no peak of the speed is shorter than that. Joint moves and straight lines are ruckig's (Berscheid and
 Kroeger, 2021), solved offline.
 """
 
@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from ruckig import InputParameter, Result, Ruckig, Trajectory
 from scipy.interpolate import CubicHermiteSpline, make_interp_spline
-from scipy.ndimage import maximum_filter1d, minimum_filter1d
+from scipy.ndimage import minimum_filter1d
 
 from sim.arm import Floats, Limits, PathLimits
 
@@ -183,18 +183,10 @@ def _widened(lengths: Floats, top: Floats, swept: Floats, width: float) -> Float
 
 def _smoothed(lengths: Floats, speeds: Floats, width: float) -> TimeLaw:
     """Return a law that follows the speeds, with accelerations that take ``width`` s to rise."""
-    times, at, speed = _in_time(lengths, speeds, _tick(width))
+    lower = _cut_flat(lengths, speeds, (1.0 + SECOND_AVERAGE) * width + 2.0 * _tick(width))
+    times, at, _ = _in_time(lengths, lower, _tick(width))
     tick = float(times[1])
     wide = max(3, math.ceil(width / tick)), max(3, math.ceil(SECOND_AVERAGE * width / tick))
-    flat = 2 * math.ceil(0.5 * sum(wide)) + 1
-    cut = maximum_filter1d(
-        minimum_filter1d(speed, flat, mode="constant", cval=math.inf), flat, mode="constant", cval=-math.inf
-    )
-    if (cut < speed * (1.0 - 1e-9)).any():
-        cut = np.minimum(cut, speed)
-        rising = np.concatenate([[True], np.diff(at) > 0.0])
-        lower = np.minimum(speeds, np.interp(lengths, at[rising], cut[rising]))
-        times, at, speed = _in_time(lengths, lower, tick)
     start, end = float(lengths[0]), float(lengths[-1])
     for count in wide:
         padded = np.concatenate([np.full(count - 1, start), at, np.full(count - 1, end)])
@@ -204,6 +196,30 @@ def _smoothed(lengths: Floats, speeds: Floats, width: float) -> TimeLaw:
     at[0], at[-1] = start, end
     times = np.arange(len(at)) * float(times[1])
     return TimeLaw(float(times[-1]), start, end, CubicHermiteSpline(times, at, _slopes(at, float(times[1]))))
+
+
+def _cut_flat(lengths: Floats, speeds: Floats, seconds: float) -> Floats:
+    """Return the highest speeds (g,) nowhere above ``speeds`` whose every peak lasts at least so many seconds.
+
+    Where all of a stretch may be as fast as h, it is passed at h or in that time, whichever is slower: the tree of
+    such stretches (Vuillemin's Cartesian tree, 1980) is gone through from the lowest speed up.
+    """
+    n = len(speeds)
+    left, right = np.full(n, -1), np.full(n, n)
+    open_ones: list[int] = []
+    for k, speed in enumerate(speeds.tolist()):
+        while open_ones and speeds[open_ones[-1]] > speed:
+            right[open_ones.pop()] = k
+        left[k] = open_ones[-1] if open_ones else -1
+        open_ones.append(k)
+    padded = np.concatenate([lengths, lengths[-1:]])
+    extent = padded[np.minimum(right, n) - 1] - lengths[left + 1]
+    found = np.minimum(speeds, extent / seconds)
+    for k in np.argsort(speeds, kind="stable").tolist():
+        around = [one for one in (left[k], right[k]) if 0 <= one < n]
+        if around:
+            found[k] = max(found[k], found[max(around, key=lambda one: speeds[one])])
+    return np.minimum(found, speeds)
 
 
 def _slopes(values: Floats, tick: float) -> Floats:

@@ -51,14 +51,14 @@ def test_signing_in_and_out_gives_a_new_cookie_and_the_old_one_opens_nothing(scr
 
 def test_the_next_person_signs_in_with_one_press_and_comes_back_to_the_page(screens: Screens) -> None:
     screen = screens.blank()
-    screen.page.goto(f"{screens.base}/sign-in?to={quote('/run?skill=none')}")
+    screen.page.goto(f"{screens.base}/sign-in?to={quote('/records?from=here')}")
     sign_in(screen, "visitor")
     screen.page.wait_for_selector(".stop-motion")
     screen.marked("next-person").click()
     screen.page.wait_for_selector(".sign-in")
     sign_in(screen, "mes")
     screen.marked("person").filter(has_text="mes").wait_for()
-    assert screen.page.url == f"{screens.base}/run?skill=none"
+    assert screen.page.url == f"{screens.base}/records?from=here"
 
 
 def test_a_sign_in_leads_only_into_the_panel(screens: Screens) -> None:
