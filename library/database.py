@@ -1,6 +1,6 @@
 """The database behind the library: one engine, two kinds of transaction, migrations at opening.
 
-What is particular to one database engine stands in this file and in the migrations, nowhere else.
+What is particular to one database engine stands in this file, in `snapshots.py` and in the migrations, nowhere else.
 """
 
 import asyncio

@@ -14,9 +14,8 @@ from library.tables import metadata
 
 def migrate(connection: sql.Connection, where: str, to: str = "head") -> None:
     """Bring the database up to revision ``to`` in the transaction that is open on ``connection``."""
-    config = Config(attributes={"connection": connection})
-    config.set_main_option("script_location", str(Path(__file__).parent).replace("%", "%%"))
-    known = {script.revision for script in ScriptDirectory.from_config(config).walk_revisions()}
+    config = _config(connection)
+    known = known_revisions()
     found = MigrationContext.configure(connection).get_current_revision()
     check_ours(set(sql.inspect(connection).get_table_names()), where)
     if found is not None and found not in known:
@@ -26,6 +25,17 @@ def migrate(connection: sql.Connection, where: str, to: str = "head") -> None:
     command.upgrade(config, to)
     if to == "head":
         _check_tables(connection, where)
+
+
+def known_revisions() -> set[str]:
+    """Return the names of all revisions that this version of the program knows."""
+    return {script.revision for script in ScriptDirectory.from_config(_config(None)).walk_revisions()}
+
+
+def _config(connection: sql.Connection | None) -> Config:
+    config = Config(attributes={"connection": connection})
+    config.set_main_option("script_location", str(Path(__file__).parent).replace("%", "%%"))
+    return config
 
 
 def check_ours(tables: set[str], where: str) -> None:

@@ -51,6 +51,16 @@ VERBS = {
     "certificates": Verb("certificates", "app", "Certificates, on the data folder of a server."),
     "sessions": Verb("sessions", "app", "Sessions of a running server: who is signed in, and ending one."),
     "audit": Verb("audit", "audit", "Show the audit trail of a server, the newest entries first."),
+    "backup": Verb(
+        "backup",
+        "backup",
+        "Copy library, certificates and traces into a new folder, also while the server runs, and check the copy.",
+    ),
+    "restore": Verb(
+        "backup",
+        "restore",
+        "Put a backup into a data folder that holds nothing yet; it is checked first, and no server may run there.",
+    ),
     "bench": Verb(
         "bench", "bench", "Run the benchmarks. Ratios of one run mean something; absolute times depend on the machine."
     ),
