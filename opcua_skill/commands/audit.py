@@ -6,7 +6,7 @@ import typer
 
 from opcua_skill.commands.configuration import Config, Data, load_settings
 from opcua_skill.commands.connection import Json
-from opcua_skill.commands.output import print_json, screen, table, when
+from opcua_skill.commands.output import print_json, show_table, table, when
 from opcua_skill.commands.users import with_library
 
 
@@ -26,4 +26,4 @@ def audit(
         (entry.entry_id, when(entry.at), entry.actor or "–", entry.role, entry.action, entry.status, entry.reason)
         for entry in found
     ]
-    screen.print(table("", (">number", "when", "who", "role", "action", "status", "reason"), rows))
+    show_table(table("", (">number", "when", "who", "role", "action", "status", "reason"), rows))

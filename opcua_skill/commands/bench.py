@@ -13,7 +13,7 @@ import typer
 
 from opcua_skill.commands.connection import Json
 from opcua_skill.commands.faults import Fault
-from opcua_skill.commands.output import note, print_json, screen, table
+from opcua_skill.commands.output import note, print_json, show_table, table
 
 ROOT = Path(__file__).resolve().parents[2]
 PLANNED = ("learning", "execution", "server", "panel", "faces", "plant")
@@ -66,7 +66,7 @@ def bench(
             if as_json:
                 print_json(row)
     if not as_json:
-        screen.print(table("", COLUMNS, [[shown(row[column]) for column in COLUMNS] for row in rows]))
+        show_table(table("", COLUMNS, [[shown(row[column]) for column in COLUMNS] for row in rows]))
     if not all(row["holds"] for row in rows):
         raise Fault(f"missed: {', '.join(str(row['name']) for row in rows if not row['holds'])}")
 

@@ -8,7 +8,7 @@ import typer
 from opcua_skill.commands.configuration import Config, Data, load_settings
 from opcua_skill.commands.connection import Json
 from opcua_skill.commands.faults import Fault
-from opcua_skill.commands.output import note, print_json, say, screen, table, when
+from opcua_skill.commands.output import note, print_json, say, show_table, table, when
 from opcua_skill.security import ListedCertificate, TrustList
 from opcua_skill.security.chains import CertificateFault
 from opcua_skill.security.trust import certificate_in
@@ -67,7 +67,7 @@ def show(data: Data = None, config: Config = None, as_json: Json = False) -> Non
         print_json({**facts, "open_to_others": {str(one.path): one.mode for one in too_open}})
         return
     rows = [(key.replace("_", " "), when(value) if key == "valid_until" else value) for key, value in facts.items()]
-    screen.print(table("the server's certificate", ("what", "value"), rows))
+    show_table(table("the server's certificate", ("what", "value"), rows))
     for one in too_open:
         note(f"{one}: chmod go-rwx it, unless that is meant")
 
@@ -136,7 +136,7 @@ def list_certificates(data: Data = None, config: Config = None, as_json: Json = 
         )
         for one in found
     ]
-    screen.print(table("", ("", "application", "thumbprint", "valid until", "refused because"), rows))
+    show_table(table("", ("", "application", "=thumbprint", "valid until", "refused because"), rows))
 
 
 def plain_fields(one: ListedCertificate) -> dict[str, object]:

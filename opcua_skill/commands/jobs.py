@@ -21,7 +21,7 @@ from opcua_skill.commands.connection import (
     with_client,
 )
 from opcua_skill.commands.faults import Fault
-from opcua_skill.commands.output import millimetres, notes, print_json, say, screen, table, when
+from opcua_skill.commands.output import millimetres, notes, print_json, say, show_table, table, when
 
 app = typer.Typer(no_args_is_help=True, help="Jobs: look, pause, resume, abort, read the trace.")
 JobId = Annotated[str, typer.Argument(metavar="ID", help="id of the job")]
@@ -85,7 +85,7 @@ def tell(report: JobReport, as_json: bool) -> None:
         ("path error, mm (RMS, max)", " ".join(millimetres(value) for value in report.path_error)),
         ("tracking error, mm (RMS, max)", " ".join(millimetres(value) for value in report.tracking_error)),
     ]
-    screen.print(table(f"{report.kind} job {report.job_id}", ("what", "value"), rows))
+    show_table(table(f"{report.kind} job {report.job_id}", ("what", "value"), rows))
 
 
 @app.command("list")
@@ -114,7 +114,7 @@ def list_jobs(
         )
         for one in found
     ]
-    screen.print(table("", ("job", "kind", "state", "skill", "recipe", "mode", "start"), rows))
+    show_table(table("", ("=job", "kind", "state", "skill", "recipe", "mode", "start"), rows))
 
 
 async def find_place(client: SkillClient, job_id: str) -> tuple[Workstation | None, JobReport]:

@@ -3,6 +3,8 @@
 import dataclasses
 import json
 import math
+import os
+import sys
 from collections.abc import Iterable, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
@@ -13,7 +15,10 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-screen = Console(highlight=False)
+WITHOUT_TERMINAL = 10_000
+"""columns of what is no terminal: a file or another program gets every line whole."""
+
+screen = Console(highlight=False, width=None if sys.stdout.isatty() or "COLUMNS" in os.environ else WITHOUT_TERMINAL)
 notes = Console(stderr=True, highlight=False)
 
 
@@ -54,13 +59,31 @@ def note(sentence: str) -> None:
 
 
 def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> Table:
-    """Return a table; a column whose head starts with ``>`` is aligned to the right."""
+    """Return a table. A column whose head starts with ``>`` is aligned to the right.
+
+    No cell is ever cut: long ones go on below. One whose head starts with ``=`` stays on one line however narrow the
+    terminal: it holds what other commands are given.
+    """
     made = Table(title=title, title_justify="left", header_style="bold", title_style="")
     for column in columns:
-        made.add_column(column.lstrip(">"), justify="right" if column.startswith(">") else "left")
+        whole = column.startswith("=")
+        right = column.startswith(">")
+        made.add_column(
+            column.lstrip(">="), justify="right" if right else "left", overflow="fold", no_wrap=whole, min_width=4
+        )
     for row in rows:
         made.add_row(*(Text(str(cell)) for cell in row))
     return made
+
+
+def show_table(made: Table) -> None:
+    """Print a table, wider than the terminal where what may not be broken needs it."""
+    least = sum(
+        max((cell.cell_len for cell in column.cells if isinstance(cell, Text)), default=0) if column.no_wrap else 4
+        for column in made.columns
+    )
+    made.width = least if (least := least + 3 * len(made.columns) + 1) > screen.width else None
+    screen.print(made, crop=False)
 
 
 def millimetres(metres: float, digits: int = 3) -> str:

@@ -4,7 +4,7 @@ import typer
 
 from opcua_skill.client import QueueStatus, SkillClient
 from opcua_skill.commands.connection import DEFAULT_SERVER, Comment, Json, On, Server, User, with_client
-from opcua_skill.commands.output import print_json, say, screen, table, when
+from opcua_skill.commands.output import print_json, say, show_table, table, when
 
 app = typer.Typer(no_args_is_help=True, help="The queue of a workstation: look, release, hold.")
 
@@ -23,7 +23,7 @@ def show(on: On, server: Server = DEFAULT_SERVER, user: User = "", as_json: Json
         ("since", when(found.since)),
         ("waiting", found.waiting),
     ]
-    screen.print(table(f"queue of {on}", ("what", "value"), rows))
+    show_table(table(f"queue of {on}", ("what", "value"), rows))
 
 
 def _decide(on: str, server: str, user: str, comment: str, as_json: bool, *, release: bool) -> None:

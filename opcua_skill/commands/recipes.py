@@ -13,7 +13,7 @@ from opcua_skill.client import Recipe, Skill, SkillClient
 from opcua_skill.commands.connection import DEFAULT_SERVER, Json, Output, Server, User, Version, with_client
 from opcua_skill.commands.faults import Fault
 from opcua_skill.commands.fields import made_of
-from opcua_skill.commands.output import plain, print_json, say, screen, table
+from opcua_skill.commands.output import plain, print_json, say, show_table, table
 
 app = typer.Typer(no_args_is_help=True, help="Recipes: time step, speed, frame and heights of a run.")
 RecipeId = Annotated[str, typer.Argument(metavar="ID", help="id of the recipe")]
@@ -57,7 +57,7 @@ def list_recipes(
         )
         for one in found
     ]
-    screen.print(table("", ("recipe", "skill", "version", ">time step, ms", "timing", "product"), rows))
+    show_table(table("", ("=recipe", "=skill", "version", ">time step, ms", "timing", "product"), rows))
 
 
 @app.command()
@@ -67,7 +67,7 @@ def show(recipe_id: RecipeId, server: Server = DEFAULT_SERVER, user: User = "", 
     if as_json:
         print_json(found)
     else:
-        screen.print(table(recipe_id, ("field", "value"), plain(found).items()))
+        show_table(table(recipe_id, ("field", "value"), plain(found).items()))
 
 
 @app.command()

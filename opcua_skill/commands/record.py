@@ -17,7 +17,7 @@ from models.demonstration import Demonstration
 from opcua_skill.client import Recorder, Skill, SkillClient
 from opcua_skill.commands.connection import DEFAULT_SERVER, Json, On, Server, User, with_client
 from opcua_skill.commands.faults import Fault
-from opcua_skill.commands.output import millimetres, note, notes, print_json, say, screen, table
+from opcua_skill.commands.output import millimetres, note, notes, print_json, say, show_table, table
 from opcua_skill.commands.reading import Marker, OnePlane, Placing, Topic, ToPlate, Unit, UpAxis, choices_of, read_files
 from opcua_skill.commands.skills import (
     Option,
@@ -254,7 +254,7 @@ def tell(told: dict[str, Any], *, ignored: int) -> None:
         (one["demonstration_id"], one["samples"], f"{one['seconds']:.2f}", millimetres(one["length_m"], 1))
         for one in told["demonstrations"]
     ]
-    screen.print(table("recorded", ("demonstration", ">samples", ">s", ">mm"), rows))
+    show_table(table("recorded", ("demonstration", ">samples", ">s", ">mm"), rows))
     if ignored:
         note(f"{ignored} presses were too short to be a demonstration")
     ended = f"recording {told['recording_id']}: {len(rows)} demonstrations; ended: {told['ended']}"

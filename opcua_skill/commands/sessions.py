@@ -7,7 +7,7 @@ import typer
 from opcua_skill.client import OpenSession, SkillClient
 from opcua_skill.commands.connection import DEFAULT_SERVER, Json, Server, User, with_client
 from opcua_skill.commands.faults import Fault
-from opcua_skill.commands.output import print_json, say, screen, table, when
+from opcua_skill.commands.output import print_json, say, show_table, table, when
 
 SHORT = 8
 app = typer.Typer(no_args_is_help=True, help="Sessions of a running server: who is signed in, and ending one.")
@@ -32,7 +32,7 @@ def list_sessions(server: Server = DEFAULT_SERVER, user: User = "", as_json: Jso
         )
         for one in found
     ]
-    screen.print(table("", ("session", "user", "role", "client", "from", "since", ">idle s"), rows))
+    show_table(table("", ("=session", "=user", "role", "client", "from", "since", ">idle s"), rows))
 
 
 @app.command()

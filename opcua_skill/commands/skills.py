@@ -20,7 +20,7 @@ from opcua_skill.commands.connection import (
 )
 from opcua_skill.commands.faults import Fault
 from opcua_skill.commands.fields import made_of
-from opcua_skill.commands.output import note, notes, print_json, say, screen, table, when
+from opcua_skill.commands.output import note, notes, print_json, say, show_table, table, when
 from opcua_skill.commands.quality import facts
 from opcua_skill.commands.reading import Marker, OnePlane, Placing, Topic, ToPlate, Unit, UpAxis, choices_of, read_files
 
@@ -90,8 +90,8 @@ async def made_of_it(client: SkillClient, skill: str, learned: Learned) -> Skill
 
 def say_learned(made: Skill) -> None:
     """Tell what became of each demonstration, and what was made of them."""
-    screen.print(verdict_table(made))
-    screen.print(table("quality", ("what", "value"), facts(made.report)))
+    show_table(verdict_table(made))
+    show_table(table("quality", ("what", "value"), facts(made.report)))
     digest = made.model_digest.hex()[:16]
     say(f"{made.name} version {made.version} is {made.state}: {len(made.means)} components, digest {digest}…")
 
@@ -160,7 +160,7 @@ def list_skills(
         )
         for one in found
     ]
-    screen.print(table("", ("skill", ">version", "state", "type", "deployed on", "learned", "by"), rows))
+    show_table(table("", ("=skill", ">version", "state", "type", "deployed on", "learned", "by"), rows))
 
 
 @app.command()
@@ -173,9 +173,9 @@ def show(
         print_json(found.document)
         return
     plain = [(key, value.hex() if isinstance(value, bytes) else value) for key, value in summary(found).items()]
-    screen.print(table(f"{found.name} version {found.version}", ("what", "value"), plain))
-    screen.print(table("quality", ("what", "value"), facts(found.report)))
-    screen.print(verdict_table(found))
+    show_table(table(f"{found.name} version {found.version}", ("what", "value"), plain))
+    show_table(table("quality", ("what", "value"), facts(found.report)))
+    show_table(verdict_table(found))
 
 
 def _judge(

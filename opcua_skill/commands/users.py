@@ -13,7 +13,7 @@ from library.names import doubles, same_user
 from opcua_skill.commands.configuration import Config, Data, load_settings
 from opcua_skill.commands.connection import Json
 from opcua_skill.commands.faults import Fault
-from opcua_skill.commands.output import note, print_json, say, screen, table, when
+from opcua_skill.commands.output import note, print_json, say, show_table, table, when
 from opcua_skill.security import hash_password, load_certificate
 from opcua_skill.settings import Settings
 from opcua_skill.stack.access import Role
@@ -182,10 +182,10 @@ def list_users(data: Data = None, config: Config = None, as_json: Json = False) 
     if as_json:
         print_json(rows)
         return
-    columns = ("name", "role", "signs in with", "since")
+    columns = ("=name", "role", "signs in with", "since")
     for group in doubles(user.name for user in found):
         note(f"{', '.join(group)} differ in case or form of accents alone: remove one of them")
-    screen.print(table("", columns, [(*list(row.values())[:3], when(row["created_at"])) for row in rows]))
+    show_table(table("", columns, [(*list(row.values())[:3], when(row["created_at"])) for row in rows]))
 
 
 @app.command()
