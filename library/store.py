@@ -1,9 +1,11 @@
 """The skill library: everything that is remembered, behind one object. Each method is one transaction."""
 
 import asyncio
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Self, TypeVar
+
+import sqlalchemy as sql
 
 from library.database import Database
 from library.description import (
@@ -34,6 +36,8 @@ from library.values import check_name, check_text
 from models.demonstration import Demonstration, Edits
 from models.options import LearningOptions
 from models.report import AlignedDemonstration, LearnedMotion
+
+Changed = TypeVar("Changed")
 
 
 class SkillLibrary:
@@ -326,13 +330,22 @@ class SkillLibrary:
         return await self._database.read(lambda connection: audit_rows.trail(connection, limit, before))
 
     async def add_user(
-        self, name: str, role: str, password_hash: str = "", certificate: bytes = b"", actor: str = ""
+        self,
+        name: str,
+        role: str,
+        password_hash: str = "",
+        certificate: bytes = b"",
+        actor: str = "",
+        entry: AuditEntry | None = None,
     ) -> User:
-        """Store somebody who may sign in, with the hash of a password, a certificate (DER), or both."""
+        """Store somebody who may sign in, with the hash of a password, a certificate (DER), or both.
+
+        Here and below ``entry`` goes into the audit trail with the change: both are there, or neither is.
+        """
         name = check_name(name, "name")
         check_name(role, "role")
-        return await self._database.write(
-            lambda connection: user_rows.add(connection, name, role, password_hash, certificate, actor)
+        return await self._told(
+            entry, lambda connection: user_rows.add(connection, name, role, password_hash, certificate, actor)
         )
 
     async def users(self) -> list[User]:
@@ -343,15 +356,26 @@ class SkillLibrary:
         """Return a user."""
         return await self._database.read(lambda connection: user_rows.read(connection, name))
 
-    async def set_password_hash(self, name: str, password_hash: str) -> None:
+    async def set_password_hash(self, name: str, password_hash: str, entry: AuditEntry | None = None) -> None:
         """Give a user another password."""
-        await self._database.write(lambda connection: user_rows.set_password_hash(connection, name, password_hash))
+        await self._told(entry, lambda connection: user_rows.set_password_hash(connection, name, password_hash))
 
-    async def set_role(self, name: str, role: str) -> None:
+    async def set_role(self, name: str, role: str, entry: AuditEntry | None = None) -> None:
         """Give a user another role."""
         check_name(role, "role")
-        await self._database.write(lambda connection: user_rows.set_role(connection, name, role))
+        await self._told(entry, lambda connection: user_rows.set_role(connection, name, role))
 
-    async def remove_user(self, name: str) -> None:
+    async def remove_user(self, name: str, entry: AuditEntry | None = None) -> None:
         """Remove a user; what the user did stays in the records."""
-        await self._database.write(lambda connection: user_rows.remove(connection, name))
+        await self._told(entry, lambda connection: user_rows.remove(connection, name))
+
+    async def _told(self, entry: AuditEntry | None, change: Callable[[sql.Connection], Changed]) -> Changed:
+        """Make a change and write its entry in one transaction."""
+
+        def both(connection: sql.Connection) -> Changed:
+            result = change(connection)
+            if entry is not None:
+                audit_rows.add(connection, entry)
+            return result
+
+        return await self._database.write(both)

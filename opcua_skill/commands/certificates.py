@@ -9,6 +9,7 @@ from opcua_skill.commands.configuration import Config, Data, load_settings
 from opcua_skill.commands.connection import Json
 from opcua_skill.commands.faults import Fault
 from opcua_skill.commands.output import note, print_json, say, show_table, table, when
+from opcua_skill.commands.trail import entry, record
 from opcua_skill.security import ListedCertificate, TrustList
 from opcua_skill.security.chains import CertificateFault
 from opcua_skill.security.trust import certificate_in
@@ -89,6 +90,7 @@ def trust(
         found = listed.trust_certificate(given) if given is not None else listed.trust_rejected(file)
     except ValueError as error:
         raise Fault(f"{error} (argument FILE)") from None
+    record(settings, entry("TrustCertificate", found.thumbprint, Application=found.application_uri or found.subject))
     if as_json:
         print_json({**plain_fields(found), "refused_for": [one.value for one in found.refused_for]})
         return
@@ -109,10 +111,12 @@ def distrust(
     as_json: Json = False,
 ) -> None:
     """Turn a client that was let in away again; a running server ends its sessions within about a second."""
+    settings = load_settings(config, data=data)
     try:
-        gone = trust_list(load_settings(config, data=data)).distrust(thumbprint)
+        gone = trust_list(settings).distrust(thumbprint)
     except ValueError as error:
         raise Fault(f"{error} (argument THUMBPRINT)") from None
+    record(settings, entry("DistrustCertificate", gone.thumbprint, Application=gone.application_uri or gone.subject))
     if as_json:
         print_json({"thumbprint": gone.thumbprint})
     else:

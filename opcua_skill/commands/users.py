@@ -14,6 +14,7 @@ from opcua_skill.commands.configuration import Config, Data, load_settings
 from opcua_skill.commands.connection import Json
 from opcua_skill.commands.faults import Fault
 from opcua_skill.commands.output import note, print_json, say, show_table, table, when
+from opcua_skill.commands.trail import ACTOR, entry
 from opcua_skill.security import hash_password, load_certificate
 from opcua_skill.settings import Settings
 from opcua_skill.stack.access import Role
@@ -83,7 +84,9 @@ def add(
     secret = "" if der and not password_stdin else new_password(name, password_stdin)
     with_library(
         load_settings(config, data=data),
-        lambda library: library.add_user(name, role.value, secret, certificate=der, actor="command line"),
+        lambda library: library.add_user(
+            name, role.value, secret, certificate=der, actor=ACTOR, entry=entry("AddUser", name, Role=role.value)
+        ),
         may_make=True,
     )
     if as_json:
@@ -113,7 +116,8 @@ def import_users(
                 raise Fault(f"there is a user {there[key]} already: nobody was added")
             there[key] = name
         for name, role, secret in added:
-            await library.add_user(name, role.value, secret, actor="command line")
+            told = entry("AddUser", name, Role=role.value)
+            await library.add_user(name, role.value, secret, actor=ACTOR, entry=told)
 
     with_library(settings, work, may_make=True)
     if as_json:
@@ -191,7 +195,7 @@ def list_users(data: Data = None, config: Config = None, as_json: Json = False) 
 @app.command()
 def remove(name: Name, data: Data = None, config: Config = None, as_json: Json = False) -> None:
     """Remove a user; what the user did stays in the records."""
-    with_library(load_settings(config, data=data), lambda library: library.remove_user(name))
+    with_library(load_settings(config, data=data), lambda library: library.remove_user(name, entry("RemoveUser", name)))
     if as_json:
         print_json({"name": name})
     else:
@@ -207,7 +211,8 @@ def change_role(
     as_json: Json = False,
 ) -> None:
     """Give a user another role; it counts for sessions that are open, too."""
-    with_library(load_settings(config, data=data), lambda library: library.set_role(name, role.value))
+    told = entry("SetRole", name, Role=role.value)
+    with_library(load_settings(config, data=data), lambda library: library.set_role(name, role.value, told))
     if as_json:
         print_json({"name": name, "role": role.value})
     else:
@@ -221,7 +226,8 @@ def password(
     """Give a user a new password."""
     settings = load_settings(config, data=data)
     secret = new_password(name, password_stdin)
-    with_library(settings, lambda library: library.set_password_hash(name, secret))
+    told = entry("SetPassword", name)
+    with_library(settings, lambda library: library.set_password_hash(name, secret, told))
     if as_json:
         print_json({"name": name})
     else:

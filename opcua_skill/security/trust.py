@@ -3,6 +3,7 @@
 import contextlib
 import logging
 import os
+import shlex
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -16,6 +17,8 @@ from opcua_skill.security.chains import LONGEST_CHAIN, CertificateFault, Known, 
 
 log = logging.getLogger(__name__)
 MAX_REJECTED = 100
+SHOWN = 12
+"""digits of a thumbprint that tell certificates apart."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +45,7 @@ class TrustList:
     """
 
     def __init__(self, folder: Path, *, make: bool = True) -> None:
+        self.folder = folder
         self.trusted_folder = folder / "trusted" / "certs"
         self.issuers_folder = folder / "issuers" / "certs"
         self.rejected_folder = folder / "rejected"
@@ -110,6 +114,11 @@ class TrustList:
         for _, same in [(c, f) for c, f in known if c == gone]:
             same.unlink()
         return listed
+
+    def words_to_trust(self, certificate: x509.Certificate) -> str:
+        """Return the command that lets in a certificate that was turned away, to be run as it stands on the server."""
+        data = shlex.quote(str(self.folder.parent.absolute()))
+        return f"opcua-skill certificates trust {thumbprint(certificate)[:SHOWN]} --data {data}"
 
     def reject(self, certificate: x509.Certificate) -> None:
         """Keep a certificate that was turned away, and forget the oldest when there are too many."""

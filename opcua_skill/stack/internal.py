@@ -128,7 +128,10 @@ class SkillInternalServer(InternalServer):
         certificate = x509.load_der_x509_certificate(channel.peer.certificate)
         if code := await self._certificate_fault(certificate, channel, params):
             subject = certificate.subject.rfc4514_string()
-            log.warning("client certificate %s from %s: %s", subject, channel.peer, status_name(code))
+            remedy = ""
+            if self.trust is not None and code == Codes.BadCertificateUntrusted:
+                remedy = f"; to let it in: {self.trust.words_to_trust(certificate)}"
+            log.warning("client certificate %s from %s: %s%s", subject, channel.peer, status_name(code), remedy)
             event = certificate_event(code, channel.peer.certificate, subject, str(channel.peer), self.server_uri)
             await deliver(self, SERVER, event)
             raise ServiceError(code)
