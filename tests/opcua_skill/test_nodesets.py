@@ -11,7 +11,8 @@ from opcua_skill.nodes.nodesets import Importer, node_set
 def references(server: Server) -> dict[str, list[str]]:
     """Return what every node refers to."""
     space = server.iserver.aspace
-    return {str(node): sorted(map(repr, space[node].references)) for node in space.keys()}
+    nodes = space.keys()
+    return {str(node): sorted(map(repr, space[node].references)) for node in nodes}
 
 
 async def test_nodes_refer_to_each_other_as_if_asyncua_had_imported_them(caplog: pytest.LogCaptureFixture) -> None:
