@@ -13,7 +13,9 @@ from opcua_skill.commands.output import note, say
 
 def panel(
     server: Server = DEFAULT_SERVER,
-    port: Annotated[int, typer.Option(min=1, max=65535, help="port of the page")] = 8080,
+    port: Annotated[
+        int, typer.Option(envvar="OPCUA_SKILL_PANEL_PORT", min=1, max=65535, help="port of the page")
+    ] = 8080,
     host: Annotated[
         str, typer.Option(help="address to listen on; another than this machine's own needs TLS")
     ] = "127.0.0.1",

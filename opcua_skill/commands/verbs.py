@@ -34,6 +34,11 @@ VERBS = {
         "panel",
         "Open the operator panel in a browser: everybody signs in there with user and password of the server.",
     ),
+    "samples": Verb(
+        "samples",
+        "samples",
+        "Write sample demonstrations of simulated people as CSV files, to try out teaching; files are not replaced.",
+    ),
     "learn": Verb(
         "skills", "learn", "Send files of human demonstrations to the server, which learns a skill version from them."
     ),
