@@ -123,7 +123,7 @@ class Lane:
         if not self._tasks:
             return
         self._closing.set()
-        under_way = [*self._tasks, *([self._homing] if self._homing else [])]
+        under_way = [*self._tasks, *(one for one in (self._homing, self._steering.noting) if one)]
         for task in under_way:
             task.cancel()
         await asyncio.gather(*under_way, return_exceptions=True)
@@ -298,7 +298,7 @@ class Lane:
             await self._keep_override()
         run = self._running
         if run is not None:
-            await self._steering.follow(run)
+            self._steering.follow(run)
         elif self._homing is None:
             trouble = self._trouble()
             if trouble is not Cause.NONE and self._queue is not None:

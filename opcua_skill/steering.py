@@ -36,6 +36,8 @@ class Steering:
         self._tell = tell
         self._moves = moves
         self._queue = queue
+        self._at_fault = ""
+        self.noting: asyncio.Task[None] | None = None
 
     async def move(self, run: Run, to: JobState, **fields: object) -> JobReport:
         """Write down another state of a run's job, then tell."""
@@ -70,8 +72,8 @@ class Steering:
             report = await self.move(run, JobState.RUNNING, cause=Cause.NONE, **run.pauses)
             if run.stop_because:
                 raise NotAllowedInState(f"job {run.order.job_id}", JobState.STOPPING.value, "it has to be paused")
-            run.pause_wanted = False
             await run.arm.resume()
+            run.pause_wanted = False
             return report
 
     def stop(self, run: Run) -> asyncio.Task[None]:
@@ -99,26 +101,42 @@ class Steering:
             except TimeoutError:
                 continue
 
-    async def follow(self, run: Run) -> None:
-        """Write down what the arm's own side did to a run: paused it, or let it go on."""
+    def follow(self, run: Run) -> None:
+        """See what the arm's own side did to a run: paused it, or let it go on; who watches never waits for the disk.
+
+        A pause that nobody asked for holds the queue at once; the job's state is written down beside.
+        """
+        mode = self._differs(run)
+        if mode is ArmMode.PAUSED and not run.pause_wanted and self._queue is not None:
+            self._queue.hold(Cause.UNASKED_PAUSE, ARM_SIDE)
+        if mode is not None and (self.noting is None or self.noting.done()):
+            self.noting = asyncio.create_task(self._note(run), name=f"what the arm did to {run.order.job_id}")
+
+    def _differs(self, run: Run) -> ArmMode | None:
+        """Return what the arm does where that is not what a run's job says, if nobody wants the run to end."""
         mode = run.arm.state().mode
         if run.over.is_set() or run.stop_because or (mode, run.state) not in {
             (ArmMode.PAUSED, JobState.RUNNING), (ArmMode.RUNNING, JobState.PAUSED)
         }:  # fmt: skip
-            return
-        async with self._moves:
-            mode = run.arm.state().mode
-            if run.over.is_set() or run.stop_because:
-                return
-            if mode is ArmMode.PAUSED and run.state is JobState.RUNNING:
-                await self._found_paused(run)
-            elif mode is ArmMode.RUNNING and run.state is JobState.PAUSED:
-                await self._found_running(run)
+            return None
+        return mode
+
+    async def _note(self, run: Run) -> None:
+        try:
+            async with self._moves:
+                mode = self._differs(run)
+                if mode is ArmMode.PAUSED:
+                    await self._found_paused(run)
+                elif mode is ArmMode.RUNNING:
+                    await self._found_running(run)
+            self._at_fault = ""
+        except Exception as fault:
+            if str(fault) != self._at_fault:
+                _log.exception("what the arm did to job %s is not written down", run.order.job_id)
+            self._at_fault = str(fault)
 
     async def _found_paused(self, run: Run) -> None:
         unasked = not run.pause_wanted
-        if unasked and self._queue is not None:
-            self._queue.hold(Cause.UNASKED_PAUSE, ARM_SIDE)
         _log.warning("job %s is paused%s", run.order.job_id, " by the arm's own side" if unasked else "")
         if (await self._library.job(run.order.job_id)).state is JobState.PAUSED:
             run.state = JobState.PAUSED

@@ -40,6 +40,7 @@ class Bench:
     at_check: "asyncio.Event" = field(default_factory=asyncio.Event)
     checked: "asyncio.Event" = field(default_factory=asyncio.Event)
     not_any_more: str = ""
+    looks: int = 0
 
     def __post_init__(self) -> None:
         self.checked.set()
@@ -52,6 +53,7 @@ class Bench:
             keep_trace=self.keep,
             queue=self.queue,
             trouble=self.trouble,
+            keep_override=self.keep_override,
             may_still_run=self.may_still_run,
         )
 
@@ -59,6 +61,9 @@ class Bench:
         if self.arm.state().protective_stop:
             return Cause.PROTECTIVE_STOP
         return Cause.ARM_LOST if is_lost(self.arm) else Cause.NONE
+
+    async def keep_override(self) -> None:
+        self.looks += 1
 
     async def may_still_run(self, _: JobReport) -> None:
         self.at_check.set()
@@ -333,6 +338,24 @@ async def test_a_hold_that_comes_while_a_release_is_written_down_wins(bench: Ben
     assert bench.queue.status.because is Cause.PROTECTIVE_STOP
     assert await bench.queue.written(LIMIT)
     assert (await bench.library.station("ws1")).held_because is Cause.PROTECTIVE_STOP
+
+
+async def test_the_arm_is_watched_and_its_pause_holds_the_queue_while_the_disk_does_not_answer(
+    bench: Bench, full_disk: FullDisk
+) -> None:
+    await bench.ask("one")
+    await bench.state("one", JobState.RUNNING)
+    await asyncio.wait_for(bench.arm.running.wait(), LIMIT)
+    full_disk.gate.clear()
+    await bench.arm.pause("pendant")
+    await asyncio.wait_for(full_disk.at_gate.wait(), LIMIT)
+    assert bench.queue.status.because is Cause.UNASKED_PAUSE
+    seen = bench.looks
+    async with asyncio.timeout(LIMIT):
+        while bench.looks < seen + 3:
+            await asyncio.sleep(0.01)
+    full_disk.gate.set()
+    assert (await bench.state("one", JobState.PAUSED)).cause is Cause.UNASKED_PAUSE
 
 
 async def test_a_release_that_cannot_be_written_down_releases_nothing(bench: Bench, full_disk: FullDisk) -> None:
