@@ -1,13 +1,14 @@
-"""A real server whose arm has a pendant that a test holds: `python -m tests.fakes.pendant_server FOLDER ENDPOINT`.
+"""A real server whose arm has a pendant that a test holds; it is forked from a process that has imported all it needs.
 
-What a hand does to the arm comes in on stdin, one word a line; every motion that begins is written into ``began`` in
-the folder, with the machine's monotonic clock, before it begins. Where the arm stands is kept in ``stands``, as a real
-arm stays where a killed server left it.
+What a hand does to the arm comes in by a pipe, one word at a time; every motion that begins is written into ``began``
+in the folder, with the machine's monotonic clock, before it begins. Where the arm stands is kept in ``stands``, as a
+real arm stays where a killed server left it.
 """
 
 import asyncio
-import sys
+import os
 import time
+from multiprocessing.connection import Connection
 from pathlib import Path
 
 from opcua_skill.server import SkillServerApp
@@ -40,25 +41,31 @@ class KeptArm(PendantArm):
         self._stands.write_text("away")
 
 
-async def serve(folder: Path, endpoint: str) -> None:
+def serve_apart(folder: Path, endpoint: str, hand: Connection) -> None:
+    """Serve in a process of its own until the other end of ``hand`` is closed, or the process is killed."""
+    os.setsid()
+    with (folder / "log").open("a") as log:
+        os.dup2(log.fileno(), 1)
+        os.dup2(log.fileno(), 2)
+    asyncio.run(serve(folder, endpoint, hand))
+
+
+async def serve(folder: Path, endpoint: str, hand: Connection) -> None:
     plant = Settings(data=folder / "data", endpoint=endpoint, workstations=(Workstation(driver="kinematic"),))
     arm = KeptArm(folder)
     loop, ended = asyncio.get_running_loop(), asyncio.Event()
 
     def obey() -> None:
-        word = sys.stdin.readline().strip()
-        if not word:
-            loop.remove_reader(sys.stdin.fileno())
+        try:
+            word = hand.recv()
+        except EOFError:
+            loop.remove_reader(hand.fileno())
             ended.set()
             return
         getattr(arm, word)()
-        print("done", flush=True)
+        hand.send("done")
 
     async with SkillServerApp(plant, lambda _, simulation: PendantArm(arm.model, print) if simulation else arm) as app:
-        loop.add_reader(sys.stdin.fileno(), obey)
-        print(f"listening on {app.endpoint}", flush=True)
+        loop.add_reader(hand.fileno(), obey)
+        hand.send(f"listening on {app.endpoint}")
         await ended.wait()
-
-
-if __name__ == "__main__":
-    asyncio.run(serve(Path(sys.argv[1]), sys.argv[2]))

@@ -6,14 +6,14 @@ hypothesis likes. `tests/opcua_skill/test_motion_model.py` plays many more such 
 
 import asyncio
 import contextlib
+import multiprocessing
 import os
 import sqlite3
-import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Awaitable, Callable
 from dataclasses import replace
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 
@@ -28,11 +28,13 @@ from library.store import SkillLibrary
 from opcua_skill.client import APPLICATION_URI, ClientError, SkillClient
 from opcua_skill.security import TrustList, ensure_client_certificate, hash_password
 from tests.conftest import PASSWORD, free_port
+from tests.fakes.pendant_server import serve_apart
 
 STEPS = int(os.environ.get("OPCUA_SKILL_MOTION_SERVER_STEPS", "80"))
 STEPS_A_DAY = 40
 LIMIT = 180.0
-ROOT = Path(__file__).parents[2]
+FORKS = multiprocessing.get_context("forkserver")
+FORKS.set_forkserver_preload(["tests.fakes.pendant_server"])
 MOST_KILLS = 2
 REFUSED = (ClientError, OSError, TimeoutError)
 
@@ -46,7 +48,8 @@ class Shop:
         mine = ensure_client_certificate(self.folder / "client", APPLICATION_URI)
         TrustList(self.folder / "data" / "certificates").trust(mine.certificate_file)
         self.database.write_bytes(seed())
-        self.process: subprocess.Popen[str] | None = None
+        self.process: BaseProcess | None = None
+        self.pendant: Any = None
         self.clients: list[SkillClient] = []
         self.read = 0
 
@@ -60,24 +63,25 @@ class Shop:
         return self.folder / "data" / "skills.db"
 
     async def open(self) -> None:
-        with (self.folder / "log").open("a") as log:
-            self.process = await asyncio.to_thread(
-                subprocess.Popen,
-                [sys.executable, "-m", "tests.fakes.pendant_server", str(self.folder), self.url],
-                cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log, text=True,
-            )  # fmt: skip
-        line = await asyncio.to_thread(self.process.stdout.readline)  # type: ignore[union-attr]
-        assert line.startswith("listening on"), (self.folder / "log").read_text()
+        self.pendant, theirs = FORKS.Pipe()
+        self.process = FORKS.Process(target=serve_apart, args=(self.folder, self.url, theirs))
+        await asyncio.to_thread(self.process.start)
+        theirs.close()
+        assert (await asyncio.to_thread(self._heard)).startswith("listening on"), (self.folder / "log").read_text()
         for name in ("olga", "eve"):
             client = SkillClient(self.url, name, PASSWORD, folder=self.folder / "client")
             self.clients.append(await client.__aenter__())
 
+    def _heard(self) -> str:
+        try:
+            return self.pendant.recv()
+        except EOFError:
+            return "it has ended"
+
     async def hand(self, word: str) -> None:
         """Do something at the arm itself."""
-        assert self.process is not None
-        self.process.stdin.write(f"{word}\n")  # type: ignore[union-attr]
-        self.process.stdin.flush()  # type: ignore[union-attr]
-        assert await asyncio.to_thread(self.process.stdout.readline) == "done\n"  # type: ignore[union-attr]
+        self.pendant.send(word)
+        assert await asyncio.to_thread(self._heard) == "done"
 
     async def kill(self) -> None:
         """Kill -9 the server; its clients leave a moment before, which saves them a long farewell to nobody."""
@@ -87,10 +91,8 @@ class Shop:
                 await client.__aexit__(None, None, None)
         self.clients.clear()
         self.process.kill()
-        await asyncio.to_thread(self.process.wait)
-        for stream in (self.process.stdin, self.process.stdout):
-            with contextlib.suppress(OSError):
-                stream.close()  # type: ignore[union-attr]
+        await asyncio.to_thread(self.process.join)
+        self.pendant.close()
 
     def news(self) -> list[Beginning]:
         """Return the motions that have begun since this was asked last."""

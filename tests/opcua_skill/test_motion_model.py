@@ -9,6 +9,7 @@ plays the same day, slower, through real clients against a real server.
 
 import asyncio
 import contextlib
+import itertools
 import os
 import shutil
 import sqlite3
@@ -73,8 +74,10 @@ def a_way_home(away: float) -> MotionPlan:
 class QuickPlanning(Planning):
     """Plans that differ in their name alone, without processes that work them out."""
 
+    made = itertools.count()
+
     def __init__(self) -> None:
-        self.made = 0
+        pass
 
     async def warm_up(self) -> None:
         await asyncio.Event().wait()
@@ -83,8 +86,7 @@ class QuickPlanning(Planning):
         pass
 
     async def plan(self, *_: object) -> MotionPlan:  # type: ignore[override]
-        self.made += 1
-        made = replace(a_plan(), recipe_id=f"{id(self)}-{self.made}")
+        made = replace(a_plan(), recipe_id=f"r{next(self.made)}")
         await asyncio.sleep(0)
         return replace(made, digest=made.content_digest())
 
