@@ -1,13 +1,16 @@
 """Browse in pages, with BrowseNext, and paths: what is visited and answered is bounded, and others get their turn."""
 
 import asyncio
+import dataclasses
 import functools
 import secrets
 from collections import OrderedDict
+from typing import Any
 
 from asyncua import ua
 from asyncua.common.utils import ServiceError
 from asyncua.server.address_space import AddressSpace
+from asyncua.ua.attribute_ids import AttributeIds
 from asyncua.ua.object_ids import ObjectIds as Ids
 from asyncua.ua.status_codes import StatusCodes as Codes
 
@@ -18,6 +21,14 @@ from opcua_skill.stack.values import node_id, status
 _HAS_SUBTYPE = node_id(Ids.HasSubtype)
 VISITS_BETWEEN_TURNS = 2_000
 NO_REMAINING_PATH = 0xFFFF_FFFF
+_BLANK: tuple[tuple[str, Any], ...] = (  # in the order of BrowseResultMask
+    ("ReferenceTypeId", ua.NodeId()),
+    ("IsForward", False),
+    ("NodeClass", ua.NodeClass.Unspecified),
+    ("BrowseName", ua.QualifiedName()),
+    ("DisplayName", ua.LocalizedText()),
+    ("TypeDefinition", ua.NodeId()),
+)
 References = list[ua.ReferenceDescription]
 
 
@@ -50,14 +61,18 @@ class Browser:
         return results
 
     async def browse_next(self, params: ua.BrowseNextParameters) -> list[ua.BrowseResult]:
-        """Return the next page of each continuation point, or release them."""
+        """Return the next page of each continuation point, or release them and return nothing."""
+        if params.ReleaseContinuationPoints:
+            for point in params.ContinuationPoints:
+                self._rest.pop(bytes(point or b""), None)
+            return []
         results, budget = [], self._limits.references_per_request
         for point in params.ContinuationPoints:
             result = ua.BrowseResult()
             kept = self._rest.pop(bytes(point or b""), None)
             if kept is None:
                 result.StatusCode = status(Codes.BadContinuationPointInvalid)
-            elif not params.ReleaseContinuationPoints:
+            else:
                 found, page = kept
                 self._fill(result, found, min(page, max(budget, 0)), page)
                 budget -= len(result.References)
@@ -88,8 +103,8 @@ class Browser:
         if not elements:
             result.StatusCode = status(Codes.BadNothingToDo)
         elif len(elements) > self._limits.path_elements:
-            result.StatusCode = status(Codes.BadTooManyOperations)
-        elif not elements[-1].TargetName or not elements[-1].TargetName.Name:
+            result.StatusCode = status(Codes.BadQueryTooComplex)
+        elif any(not one.TargetName or not one.TargetName.Name for one in elements):
             result.StatusCode = status(Codes.BadBrowseNameInvalid)
         elif path.StartingNode not in self._aspace:
             result.StatusCode = status(Codes.BadNodeIdUnknown)
@@ -140,19 +155,28 @@ class _Turn:
         direction = wanted.BrowseDirection
         if direction not in {ua.BrowseDirection.Forward, ua.BrowseDirection.Inverse, ua.BrowseDirection.Both}:
             return Codes.BadBrowseDirectionInvalid, []
-        if not wanted.ReferenceTypeId.is_null() and wanted.ReferenceTypeId not in self._aspace:
+        if not wanted.ReferenceTypeId.is_null() and not self._is_reference_type(wanted.ReferenceTypeId):
             return Codes.BadReferenceTypeIdInvalid, []
         await self._visit(len(node.references))
         kinds = self._kinds(wanted.ReferenceTypeId, wanted.IncludeSubtypes)
         either = direction == ua.BrowseDirection.Both
         forward, mask = direction == ua.BrowseDirection.Forward, int(wanted.NodeClassMask)
-        return Codes.Good, [
+        found = [
             reference
             for reference in node.references
             if (either or reference.IsForward == forward)
             and (kinds is None or reference.ReferenceTypeId in kinds)
             and (not mask or mask & int(reference.NodeClass))
         ]
+        left_out = _left_out(int(wanted.ResultMask))
+        return Codes.Good, [dataclasses.replace(one, **left_out) for one in found] if left_out else found
+
+    def _is_reference_type(self, reference_type: ua.NodeId) -> bool:
+        node = self._aspace.get(reference_type)
+        if node is None:
+            return False
+        told = node.attributes[AttributeIds.NodeClass].value
+        return told is not None and told.Value is not None and told.Value.Value == ua.NodeClass.ReferenceType
 
     async def follow(self, start: ua.NodeId, elements: list[ua.RelativePathElement]) -> list[ua.NodeId]:
         """Return the nodes a path leads to, each once."""
@@ -174,6 +198,12 @@ class _Turn:
                         found[reference.NodeId] = None
             at = list(found)
         return at
+
+
+@functools.cache
+def _left_out(mask: int) -> dict[str, Any]:
+    """Return the fields of a reference that a result mask does not ask for, each with what stands for nothing."""
+    return {name: blank for bit, (name, blank) in enumerate(_BLANK) if not mask >> bit & 1}
 
 
 def _target(node: ua.NodeId) -> ua.BrowsePathTarget:

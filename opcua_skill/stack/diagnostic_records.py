@@ -85,6 +85,8 @@ def subscription_record(subscription: "Subscription") -> ua.SubscriptionDiagnost
         ua.SubscriptionDiagnosticsDataType,
         SessionId=subscription.session_id,
         SubscriptionId=data.SubscriptionId,
+        Priority=subscription.priority,
+        MaxNotificationsPerPublish=subscription.most_notifications,
         PublishingInterval=data.RevisedPublishingInterval,
         MaxKeepAliveCount=data.RevisedMaxKeepAliveCount,
         MaxLifetimeCount=data.RevisedLifetimeCount,

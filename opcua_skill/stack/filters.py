@@ -1,18 +1,20 @@
-"""What a client may ask of a monitored item: event filters that know type hierarchies, and data filters that fit."""
+"""What a client may ask of events: filters that know type hierarchies, looked at whole before they are taken."""
 
+import dataclasses
 import logging
-import math
 from collections.abc import Hashable
 from typing import Any
 
 from asyncua import ua
 from asyncua.server.monitored_item_service import WhereClauseEvaluator
 from asyncua.ua.attribute_ids import AttributeIds
+from asyncua.ua.object_ids import ObjectIds as Ids
 from asyncua.ua.status_codes import StatusCodes as Codes
-from asyncua.ua.uaprotocol_auto import DataChangeFilter  # what is decoded: ua.DataChangeFilter is a child of it
 
+from opcua_skill.stack.index_ranges import index_range
 from opcua_skill.stack.limits import Limits
-from opcua_skill.stack.types import is_subtype
+from opcua_skill.stack.types import is_subtype, subtypes, supertypes
+from opcua_skill.stack.values import node_id, status
 
 log = logging.getLogger(__name__)
 
@@ -32,6 +34,13 @@ _WORKING = {
     ua.FilterOperator.Or: 2,
     ua.FilterOperator.OfType: 1,
 }
+
+
+_BASE = node_id(Ids.BaseEventType)
+_MEMBERS = frozenset({node_id(Ids.HasProperty), node_id(Ids.HasComponent)})
+_ATTRIBUTES = frozenset(AttributeIds)
+_NOTHING = ua.SimpleAttributeOperand(BrowsePath=[ua.QualifiedName("")])
+_SELECTS_NOTHING = frozenset({Codes.BadAttributeIdInvalid, Codes.BadIndexRangeInvalid})
 
 
 class EventFilter(WhereClauseEvaluator):
@@ -65,6 +74,11 @@ class EventFilter(WhereClauseEvaluator):
             return _key(wanted) in literals or any(wanted == self._eval_op(one, event) for one in others)
         return super()._eval_el(index, event)
 
+    def _eval_op(self, op: Any, event: Any) -> Any:
+        if isinstance(op, ua.SimpleAttributeOperand) and op.BrowsePath:
+            return getattr(event, "/".join(part.Name or "" for part in op.BrowsePath), None)
+        return super()._eval_op(op, event)
+
 
 def _split(operands: list[Any]) -> tuple[frozenset[Any], list[Any]]:
     """Return the values of the literals of a list, and the operands that have to be worked out for each event."""
@@ -78,47 +92,117 @@ def _key(value: Any) -> Any:
     return value if isinstance(value, Hashable) else repr(value)
 
 
-def event_filter_fault(wanted: Any, limits: Limits) -> int:
-    """Return the code to refuse an event filter with, 0 for one that works.
+class FilterLooked:
+    """An event filter as it was looked at: the code it comes to, and a code for each clause, element and operand."""
 
-    An element may refer to later ones only, as the standard says, so no clause can go in circles.
-    """
-    if not isinstance(wanted, ua.EventFilter) or not wanted.SelectClauses:
-        return Codes.BadEventFilterInvalid
-    elements = wanted.WhereClause.Elements or []
-    if len(wanted.SelectClauses) > limits.selected_fields or len(elements) > limits.filter_elements:
-        return Codes.BadTooManyOperations
-    for clause in wanted.SelectClauses:
-        known = isinstance(clause, ua.SimpleAttributeOperand) and clause.AttributeId in set(AttributeIds)
-        if not known or any(part is None or not part.Name for part in clause.BrowsePath or []):
-            return Codes.BadEventFilterInvalid
-    for place, element in enumerate(elements):
+    def __init__(self, wanted: Any, limits: Limits, aspace: Any) -> None:
+        self.code: int = Codes.BadEventFilterInvalid
+        self.result: ua.EventFilterResult | None = None
+        self.select: list[ua.SimpleAttributeOperand] = []
+        self._fields = _Fields(aspace)
+        if not isinstance(wanted, ua.EventFilter) or not wanted.SelectClauses:
+            return
+        elements = wanted.WhereClause.Elements or []
+        if len(wanted.SelectClauses) > limits.selected_fields or len(elements) > limits.filter_elements:
+            self.code = Codes.BadTooManyOperations
+            return
+        codes = [self._fields.fault(clause) for clause in wanted.SelectClauses]
+        where = [self._element(place, elements, limits) for place in range(len(elements))]
+        self.select = [
+            _NOTHING if code in _SELECTS_NOTHING else clause
+            for clause, code in zip(wanted.SelectClauses, codes, strict=True)
+        ]
+        if all(codes):
+            self.code = Codes.BadEventFilterInvalid
+        else:
+            self.code = next((code for code, _ in where if code), Codes.Good)
+        if any(codes) or self.code:
+            self.result = ua.EventFilterResult(SelectClauseResults=[status(code) for code in codes])
+            self.result.WhereClauseResult.ElementResults = [
+                ua.ContentFilterElementResult(
+                    StatusCode=status(code), OperandStatusCodes=[status(operand) for operand in operands]
+                )
+                for code, operands in where
+            ]
+
+    def _element(self, place: int, elements: list[Any], limits: Limits) -> tuple[int, list[int]]:
+        """Return the code of an element of the where-clause and those of its operands.
+
+        An element may refer to later ones only, as the standard says, so no clause can go in circles.
+        """
+        element = elements[place]
         operands = element.FilterOperands or []
         if element.FilterOperator not in _WORKING:
-            return Codes.BadFilterOperatorUnsupported
+            return Codes.BadFilterOperatorUnsupported, []
         if len(operands) < _WORKING[element.FilterOperator] or len(operands) > limits.filter_literals:
-            return Codes.BadFilterOperandCountMismatch
+            return Codes.BadFilterOperandCountMismatch, []
         if sum(not isinstance(operand, ua.LiteralOperand) for operand in operands) > limits.filter_elements:
-            return Codes.BadFilterOperandCountMismatch
-        for operand in operands:
-            if not isinstance(operand, _OPERANDS):
-                return Codes.BadFilterOperandInvalid
-            if isinstance(operand, ua.ElementOperand) and not place < operand.Index < len(elements):
-                return Codes.BadFilterOperandInvalid
-    return Codes.Good
+            return Codes.BadFilterOperandCountMismatch, []
+        codes = [self._operand(operand, place, len(elements)) for operand in operands]
+        if element.FilterOperator == ua.FilterOperator.OfType and not _names_a_type(operands[0]):
+            codes[0] = codes[0] or Codes.BadFilterOperandInvalid
+        return (Codes.BadFilterOperandInvalid if any(codes) else Codes.Good), codes
+
+    def _operand(self, operand: Any, place: int, count: int) -> int:
+        if not isinstance(operand, _OPERANDS):
+            return Codes.BadFilterOperandInvalid
+        if isinstance(operand, ua.ElementOperand) and not place < operand.Index < count:
+            return Codes.BadFilterOperandInvalid
+        if isinstance(operand, ua.SimpleAttributeOperand):
+            return self._fields.fault(operand)
+        return Codes.Good
 
 
-def data_filter_fault(wanted: Any) -> int:
-    """Return the code to refuse a data change filter with, 0 for one that works."""
-    if wanted is None or (isinstance(wanted, ua.ExtensionObject) and not wanted.TypeId.Identifier):
+def _names_a_type(operand: Any) -> bool:
+    if not isinstance(operand, ua.LiteralOperand):
+        return True  # worked out for each event
+    return operand.Value is not None and isinstance(operand.Value.Value, ua.NodeId)
+
+
+class _Fields:
+    """The fields that event types declare, looked up once for all clauses of a filter."""
+
+    def __init__(self, aspace: Any) -> None:
+        self._aspace = aspace
+        self._of: dict[ua.NodeId, list[Any]] = {}
+
+    def fault(self, clause: ua.SimpleAttributeOperand) -> int:
+        """Return why a clause selects nothing: no event type, no field of it or of its subtypes, no attribute."""
+        names = [part.Name if part is not None else None for part in clause.BrowsePath or []]
+        if not all(names):
+            return Codes.BadBrowseNameInvalid
+        if clause.AttributeId not in _ATTRIBUTES:
+            return Codes.BadAttributeIdInvalid
+        if clause.IndexRange and index_range(clause.IndexRange) is None:
+            return Codes.BadIndexRangeInvalid
+        event_type = _BASE if clause.TypeDefinitionId.is_null() else clause.TypeDefinitionId
+        if event_type not in self._aspace:
+            return Codes.BadNodeIdUnknown
+        if not is_subtype(self._aspace, event_type, _BASE):
+            return Codes.BadTypeDefinitionInvalid
+        at = self._declared(event_type)
+        for place, name in enumerate(names):
+            found = [node for known, node in at if known == name]
+            if not found:
+                return Codes.BadBrowseNameInvalid
+            at = [one for node in found for one in self._members(node)] if place < len(names) - 1 else []
         return Codes.Good
-    if not isinstance(wanted, DataChangeFilter):
-        return Codes.BadMonitoredItemFilterInvalid
-    if not isinstance(wanted.Trigger, ua.DataChangeTrigger):
-        return Codes.BadMonitoredItemFilterInvalid
-    if wanted.DeadbandType == ua.DeadbandType.None_:
-        return Codes.Good
-    if wanted.DeadbandType != ua.DeadbandType.Absolute:
-        return Codes.BadMonitoredItemFilterUnsupported
-    good = math.isfinite(wanted.DeadbandValue) and wanted.DeadbandValue >= 0
-    return Codes.Good if good else Codes.BadDeadbandFilterInvalid
+
+    def _declared(self, event_type: ua.NodeId) -> list[Any]:
+        """Return name and node of what a type, the types above it and the types below it declare."""
+        if event_type not in self._of:
+            types = {*supertypes(self._aspace, event_type), *subtypes(self._aspace, event_type)}
+            self._of[event_type] = [one for each in types for one in self._members(each)]
+        return self._of[event_type]
+
+    def _members(self, node: ua.NodeId) -> list[Any]:
+        found = self._aspace.get(node)
+        references = found.references if found is not None else []
+        return [
+            (one.BrowseName.Name, one.NodeId) for one in references if one.IsForward and one.ReferenceTypeId in _MEMBERS
+        ]
+
+
+def taken(wanted: ua.EventFilter, looked: FilterLooked) -> ua.EventFilter:
+    """Return a filter that selects nothing where a clause makes no sense: its fields stay in their places."""
+    return dataclasses.replace(wanted, SelectClauses=looked.select)

@@ -7,13 +7,14 @@ from collections.abc import Awaitable, Callable, Collection, Generator
 from typing import TYPE_CHECKING, Any
 
 from asyncua import ua
+from asyncua.common.utils import ServiceError
 from asyncua.server.address_space import AddressSpace
-from asyncua.server.monitored_item_service import MonitoredItemData, MonitoredItemService
+from asyncua.server.monitored_item_service import MonitoredItemData, MonitoredItemService, MonitoredItemValues
 from asyncua.ua.attribute_ids import AttributeIds
 from asyncua.ua.status_codes import StatusCodes as Codes
-from asyncua.ua.uaprotocol_auto import DataChangeFilter  # what is decoded: ua.DataChangeFilter is a child of it
 
-from opcua_skill.stack.filters import EventFilter, data_filter_fault, event_filter_fault
+from opcua_skill.stack.data_filters import data_filter, moved
+from opcua_skill.stack.filters import EventFilter, FilterLooked, taken
 from opcua_skill.stack.index_ranges import index_range
 from opcua_skill.stack.limits import Limits
 from opcua_skill.stack.operations import attempted, attempted_at_once, refused
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 ITEMS_BETWEEN_TURNS = 100
+_NOT_THERE = frozenset({Codes.BadNodeIdUnknown, Codes.BadAttributeIdInvalid})
 
 
 class _Done:
@@ -53,6 +55,8 @@ class Items(MonitoredItemService):
         self._views: dict[int, Callable[[ua.DataValue], ua.DataValue]] = {}
         self._keeps_oldest: set[int] = set()
         self.sampling: set[int] = set()
+        self.triggered: set[int] = set()
+        self._links: dict[int, set[int]] = {}
 
     def __len__(self) -> int:
         return len(self._monitored_items)
@@ -95,29 +99,31 @@ class Items(MonitoredItemService):
         (self._keeps_oldest.discard if wanted.DiscardOldest else self._keeps_oldest.add)(mid)
 
     def _fault(self, item: Any) -> int:
+        """Return why a node cannot be monitored so, whatever the filter; 0 if it can."""
         wanted = item.ItemToMonitor
         if not isinstance(item.MonitoringMode, ua.MonitoringMode):
             return Codes.BadMonitoringModeInvalid
         if wanted.IndexRange and index_range(wanted.IndexRange) is None:
             return Codes.BadIndexRangeInvalid
-        if wanted.AttributeId == AttributeIds.EventNotifier:
-            if wanted.NodeId not in self.aspace:
-                return Codes.BadNodeIdUnknown
-            return event_filter_fault(item.RequestedParameters.Filter, self._limits)
         if wanted.AttributeId == AttributeIds.Value and not self.isub.may_read(wanted.NodeId):
             return Codes.BadUserAccessDenied
-        encoding = wanted.DataEncoding.Name if wanted.DataEncoding is not None else None
-        if encoding and wanted.NodeId in self.aspace:
-            now = self.aspace.read_attribute_value(wanted.NodeId, wanted.AttributeId)
-            if code := encoding_fault(encoding, now, wanted):
-                return code
-        return data_filter_fault(item.RequestedParameters.Filter)
+        now = self.aspace.read_attribute_value(wanted.NodeId, wanted.AttributeId)
+        if now.StatusCode is not None and now.StatusCode.value in _NOT_THERE:
+            return now.StatusCode.value
+        return encoding_fault(now, wanted)
 
     def _create_events_monitored_item(self, params: ua.MonitoredItemCreateRequest) -> ua.MonitoredItemCreateResult:
         wanted = params.RequestedParameters
-        wanted.QueueSize = self._queue_for_events(wanted.QueueSize)
-        result = super()._create_events_monitored_item(params)
-        item = self._monitored_items.get(result.MonitoredItemId)
+        looked = FilterLooked(wanted.Filter, self._limits, self.aspace)
+        if looked.code:
+            result = refused(ua.MonitoredItemCreateResult, looked.code)
+        else:
+            wanted.Filter = taken(wanted.Filter, looked)
+            wanted.QueueSize = self._queue_for_events(wanted.QueueSize)
+            result = super()._create_events_monitored_item(params)
+            result.RevisedSamplingInterval = 0.0  # pyright: ignore[reportAttributeAccessIssue] - events are not sampled
+        result.FilterResult = looked.result
+        item = self._monitored_items.get(result.MonitoredItemId) if result.StatusCode.is_good() else None
         if item is not None:
             item.where_clause_evaluator = EventFilter(self.logger, self.aspace, item.filter.WhereClause)
         return result
@@ -131,8 +137,10 @@ class Items(MonitoredItemService):
         return max(wanted, self._limits.queue_for_events) if wanted else 0
 
     async def _create_data_change_monitored_item(self, params: Any) -> ua.MonitoredItemCreateResult:
-        if not isinstance(params.RequestedParameters.Filter, DataChangeFilter):
-            params.RequestedParameters.Filter = None
+        found = data_filter(params.RequestedParameters.Filter, self.aspace, params.ItemToMonitor)
+        if isinstance(found, int):
+            return refused(ua.MonitoredItemCreateResult, found)
+        params.RequestedParameters.Filter = found
         if not params.RequestedParameters.QueueSize:
             params.RequestedParameters.QueueSize = 1
         result = await super()._create_data_change_monitored_item(params)
@@ -155,6 +163,7 @@ class Items(MonitoredItemService):
         if done.is_good():
             (self.sampling.add if mode == ua.MonitoringMode.Sampling else self.sampling.discard)(mid)
             if mode == ua.MonitoringMode.Disabled:
+                self._monitored_items[mid].mvalue = MonitoredItemValues()  # what it has when it is enabled is news
                 self.isub.forget_item(mid)
         return done
 
@@ -179,6 +188,31 @@ class Items(MonitoredItemService):
         """Return which timestamps an item's values are told with."""
         return self._stamps.get(mid, ua.TimestampsToReturn.Both)
 
+    def handles(self) -> tuple[list[int], list[int]]:
+        """Return the ids of the items, and what the client calls them."""
+        return list(self._monitored_items), [int(item.client_handle or 0) for item in self._monitored_items.values()]
+
+    def set_triggering(self, mid: int, add: list[int], remove: list[int]) -> ua.SetTriggeringResult:
+        """Change which items report when another one has something to tell; links to remove go first."""
+        if mid not in self._monitored_items:
+            raise ServiceError(Codes.BadMonitoredItemIdInvalid)
+        links, result = self._links.setdefault(mid, set()), ua.SetTriggeringResult()
+        for one in remove:
+            result.RemoveResults.append(status(Codes.Good if one in links else Codes.BadMonitoredItemIdInvalid))
+            links.discard(one)
+        for one in add:
+            known = one in self._monitored_items
+            result.AddResults.append(status(Codes.Good if known else Codes.BadMonitoredItemIdInvalid))
+            links.update({one} if known else ())
+        if not links:
+            del self._links[mid]
+        return result
+
+    def trigger(self, mid: int) -> None:
+        """An item has something to tell: those linked to it that only sample report with the next message."""
+        if mid in self._links:
+            self.triggered |= self._links[mid] & self.sampling
+
     def tell_again(self) -> None:
         """Queue the value each item has now, for a session that has taken the subscription over."""
         for mid, item in self._monitored_items.items():
@@ -193,17 +227,9 @@ class Items(MonitoredItemService):
             result.StatusCode = status(Codes.BadMonitoredItemIdInvalid)
             return result
         for_events = item.where_clause_evaluator is not None
-        if for_events and isinstance(wanted.Filter, ua.EventFilter):
-            code = event_filter_fault(wanted.Filter, self._limits)
-        else:
-            code = data_filter_fault(wanted.Filter)
-        if code:
+        if code := self._refilter(item, wanted.Filter, result) if for_events else self._redampen(item, wanted.Filter):
             result.StatusCode = status(code)
             return result
-        if isinstance(wanted.Filter, ua.EventFilter if for_events else DataChangeFilter):
-            item.filter = wanted.Filter
-            if for_events:
-                item.where_clause_evaluator = EventFilter(self.logger, self.aspace, item.filter.WhereClause)
         asked_for = self._queue_for_events(wanted.QueueSize) if for_events else wanted.QueueSize or 1
         item.queue_size = self._revise_queue_size(asked_for)
         item.client_handle = wanted.ClientHandle
@@ -211,8 +237,28 @@ class Items(MonitoredItemService):
         if not for_events:
             self._stamps[params.MonitoredItemId] = self._wanted_stamps
         result.RevisedQueueSize = item.queue_size  # pyright: ignore[reportAttributeAccessIssue]
-        result.RevisedSamplingInterval = self.isub.data.RevisedPublishingInterval
+        result.RevisedSamplingInterval = 0.0 if for_events else self.isub.data.RevisedPublishingInterval  # pyright: ignore[reportAttributeAccessIssue]
         return result
+
+    def _refilter(self, item: MonitoredItemData, wanted: Any, result: ua.MonitoredItemModifyResult) -> int:
+        """Give an item of events another filter; none leaves the one it has."""
+        if wanted is None or (isinstance(wanted, ua.ExtensionObject) and not wanted.TypeId.Identifier):
+            return Codes.Good
+        looked = FilterLooked(wanted, self._limits, self.aspace)
+        result.FilterResult = looked.result
+        if not looked.code:
+            item.filter = taken(wanted, looked)
+            item.where_clause_evaluator = EventFilter(self.logger, self.aspace, item.filter.WhereClause)
+        return looked.code
+
+    def _redampen(self, item: MonitoredItemData, wanted: Any) -> int:
+        """Give an item of values another filter; none leaves the one it has."""
+        assert item.read_value_id is not None
+        found = data_filter(wanted, self.aspace, item.read_value_id)
+        if isinstance(found, int):
+            return found
+        item.filter = found or item.filter
+        return Codes.Good
 
     def _delete_monitored_items(self, mid: int) -> ua.StatusCode:
         item = self._monitored_items.pop(mid, None)
@@ -222,6 +268,9 @@ class Items(MonitoredItemService):
         self._views.pop(mid, None)
         self._keeps_oldest.discard(mid)
         self.sampling.discard(mid)
+        self._links.pop(mid, None)
+        for links in self._links.values():
+            links.discard(mid)
         handle = self._handle_of.pop(mid, None)
         if handle is not None:
             self._monitored_datachange.pop(handle, None)
@@ -256,23 +305,23 @@ class Items(MonitoredItemService):
             value = ua.DataValue(StatusCode=error or status(Codes.BadNodeIdUnknown))
         if (view := self._views.get(mid)) is not None:
             value = view(value)
-        values = item.mvalue
-        values.old_dvalue, values.current_dvalue = values.current_dvalue, value
+        item.mvalue.current_dvalue = value
         if self._passes(item):
+            item.mvalue.old_dvalue = value
             self.isub.queue_value(mid, item, value)
         return _DONE
 
     def _passes(self, item: MonitoredItemData) -> bool:
-        wanted = item.filter
+        """Return whether a value differs enough from the one told last: many small steps come to a large one."""
+        values, wanted = item.mvalue, item.filter
         if wanted is None:
-            return self._is_data_changed(item.mvalue, ua.DataChangeTrigger.StatusValue)
-        return self._is_data_changed(item.mvalue, wanted.Trigger) and self._is_deadband_exceeded(item.mvalue, wanted)
-
-    def _is_deadband_exceeded(self, values: Any, flt: Any) -> bool:
-        try:
-            return super()._is_deadband_exceeded(values, flt)
-        except TypeError:  # a deadband on a value that is not a number
+            return self._is_data_changed(values, ua.DataChangeTrigger.StatusValue)
+        if not self._is_data_changed(values, wanted.Trigger):
+            return False
+        old, new = values.old_dvalue, values.current_dvalue
+        if wanted.DeadbandType == ua.DeadbandType.None_ or old is None or new is None:
             return True
+        return old.StatusCode != new.StatusCode or moved(old.Value, new.Value, wanted.DeadbandValue)
 
     async def _trigger_event(self, event: Any, mid: int) -> None:
         item = self._monitored_items.get(mid)

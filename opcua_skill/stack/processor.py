@@ -10,7 +10,6 @@ from typing import Any
 from asyncua import ua
 from asyncua.common.utils import Buffer, ServiceError
 from asyncua.server.internal_session import SessionState
-from asyncua.server.uaprocessor import PublishRequestData
 from asyncua.ua.object_ids import ObjectIds as Ids
 from asyncua.ua.status_codes import StatusCodes as Codes
 from asyncua.ua.ua_binary import nodeid_from_binary, struct_to_binary, uatcp_to_binary
@@ -20,6 +19,7 @@ from cryptography.exceptions import InvalidSignature
 from opcua_skill.stack.access import audit_entry_id
 from opcua_skill.stack.chunks import Request, SecureChannel
 from opcua_skill.stack.decoding import MALFORMED, decode
+from opcua_skill.stack.publishing import PUBLISH
 from opcua_skill.stack.reading import weight_of
 from opcua_skill.stack.services import SERVICES
 from opcua_skill.stack.session_services import SessionServices
@@ -39,7 +39,6 @@ CHUNK_TOLERANCE = 1024
 UNKNOWN_SERVICE = 0
 LIFETIME_MS = (10_000, 3_600_000)
 _CALL = Ids.CallRequest_Encoding_DefaultBinary
-_PUBLISH = Ids.PublishRequest_Encoding_DefaultBinary
 
 
 class Processor(SessionServices):
@@ -55,8 +54,7 @@ class Processor(SessionServices):
         self._hand_on = hand_on
         self._calls: set[asyncio.Task[Any]] = set()
         self._channel_until = float("inf")
-        self._largest_response = 0
-        self._most_response_chunks = 0
+        self._largest_message_taken = self._most_response_chunks = 0
 
     @property
     def has_channel(self) -> bool:
@@ -110,7 +108,7 @@ class Processor(SessionServices):
         self._limits.max_send_buffer = send
         self._limits.max_message_size = limits.largest_message
         self._limits.max_chunk_count = limits.largest_message // smallest + 1
-        self._largest_response, self._most_response_chunks = hello.MaxMessageSize, hello.MaxChunkCount
+        self._largest_message_taken, self._most_response_chunks = hello.MaxMessageSize, hello.MaxChunkCount
         answer: Any = ua.Acknowledge()
         answer.ReceiveBufferSize, answer.SendBufferSize = receive, send
         answer.MaxMessageSize, answer.MaxChunkCount = limits.largest_message, self._limits.max_chunk_count
@@ -166,7 +164,8 @@ class Processor(SessionServices):
 
     def _too_large(self, body: bytes) -> bool:
         chunks = len(body) // (self._limits.max_send_buffer - 1024) + 1
-        return 0 < self._largest_response < len(body) or 0 < self._most_response_chunks < chunks
+        taken = (self._largest_message_taken, self.session.counts.largest_response if self.session is not None else 0)
+        return any(0 < most < len(body) for most in taken) or 0 < self._most_response_chunks < chunks
 
     async def _send(self, handle: int, seqhdr: Any, response: Any) -> None:
         """Send an answer; a large one is put together beside the loop and goes out piece by piece, others after it."""
@@ -241,8 +240,10 @@ class Processor(SessionServices):
             special = _SPECIAL.get(service)
             if special is not None:
                 return await special(self, header, seqhdr, body)
-            session = self._session_of(header)
             entry = SERVICES.get(service)
+            if entry is None and self.session is None:
+                raise ServiceError(Codes.BadServiceUnsupported)
+            session = self._session_of(header)
             session.counts.requests[service if entry is not None else UNKNOWN_SERVICE] += 1
             if entry is None:
                 raise ServiceError(Codes.BadServiceUnsupported)
@@ -286,21 +287,7 @@ class Processor(SessionServices):
         return session
 
     async def _publish(self, header: Any, seqhdr: Any, body: Buffer) -> None:
-        """Keep a publish request until one of the session's subscriptions has something to say."""
-        session = self._session_of(header)
-        session.counts.requests[_PUBLISH] += 1
-        params = decode(ua.PublishParameters, body)
-        subscriptions, results = session.publish(params.SubscriptionAcknowledgements)
-        request = PublishRequestData(requesthdr=header, seqhdr=seqhdr, results=results)
-        while self._publish_results_subs:
-            waiting = next(iter(self._publish_results_subs))
-            del self._publish_results_subs[waiting]
-            subscription = session.subscription_service.subscriptions.get(waiting)
-            if subscription is not None and await subscription.publish_results(request):
-                return
-        if len(self._publish_requests) >= self.publish_request_limit(subscriptions):
-            self._evict_publish_request()
-        self._publish_requests.append(request)
+        await self.publish(self._session_of(header), header, seqhdr, body)
 
     async def _find_servers(self, header: Any, seqhdr: Any, body: Buffer) -> None:
         response, wanted = ua.FindServersResponse(), decode(ua.FindServersParameters, body)
@@ -318,20 +305,15 @@ class Processor(SessionServices):
         self._connection.close()
         return CLOSE
 
-    def _evict_publish_request(self) -> None:
-        super()._evict_publish_request()
-        if self.session is not None:
-            self.session.counts.refused(_PUBLISH, Codes.BadTooManyPublishRequests)
-
     async def close(self) -> None:
-        """Drop what hangs on the connection. A session with subscriptions lives on until its timeout."""
+        """Drop what hangs on the connection. A session that can be proven the same lives on until its timeout."""
         self._publish_requests.clear()
         for call in list(self._calls):
             call.cancel()
         session = self.session
         if session is None:
             return
-        if self._should_close_session_on_transport_loss():
+        if not session.can_come_back():
             await self._drop_session()
         else:
             session.processor = None
@@ -356,5 +338,5 @@ _SPECIAL = {
     Ids.ActivateSessionRequest_Encoding_DefaultBinary: Processor._activate_session,
     Ids.CloseSessionRequest_Encoding_DefaultBinary: Processor._close_session,
     Ids.CloseSecureChannelRequest_Encoding_DefaultBinary: Processor._close_channel,
-    _PUBLISH: Processor._publish,
+    PUBLISH: Processor._publish,
 }

@@ -44,8 +44,7 @@ def weight_of(value: Any) -> int:
 
 def narrowed(told: ua.DataValue, wanted: ua.ReadValueId) -> ua.DataValue:
     """Return the part of a value that an index range asks for, or the code that says why there is none."""
-    encoding = wanted.DataEncoding.Name if wanted.DataEncoding is not None else None
-    if encoding and (code := encoding_fault(encoding, told, wanted)):
+    if code := encoding_fault(told, wanted):
         return _bad(code)
     if not wanted.IndexRange:
         return told
@@ -58,14 +57,17 @@ def narrowed(told: ua.DataValue, wanted: ua.ReadValueId) -> ua.DataValue:
     return _bad(Codes.BadIndexRangeNoData) if part is None else dataclasses.replace(told, Value=part)
 
 
-def encoding_fault(encoding: str, told: ua.DataValue, wanted: ua.ReadValueId) -> int:
+def encoding_fault(told: ua.DataValue, wanted: ua.ReadValueId) -> int:
     """Return the code to refuse an encoding with, 0 for one there is: structures have the binary one, others none."""
+    encoding = wanted.DataEncoding
+    if encoding is None or not encoding.Name:
+        return Codes.Good
     structure = told.Value is not None and told.Value.VariantType == ua.VariantType.ExtensionObject
-    if wanted.AttributeId != AttributeIds.Value or not structure:
+    if wanted.AttributeId != AttributeIds.Value or not structure or encoding.NamespaceIndex:
         return Codes.BadDataEncodingInvalid
-    if encoding in _OTHER_ENCODINGS:
+    if encoding.Name in _OTHER_ENCODINGS:
         return Codes.BadDataEncodingUnsupported
-    return Codes.Good if encoding == "Default Binary" else Codes.BadDataEncodingInvalid
+    return Codes.Good if encoding.Name == "Default Binary" else Codes.BadDataEncodingInvalid
 
 
 def stamped(told: ua.DataValue, which: ua.TimestampsToReturn) -> ua.DataValue:

@@ -71,7 +71,7 @@ async def _modify_subscription(processor: "Processor", session: "Session", param
 
 async def _delete_subscriptions(processor: "Processor", session: "Session", params: Any) -> Any:
     response = ua.DeleteSubscriptionsResponse()
-    response.Results = await session.delete_subscriptions(params.SubscriptionIds)
+    response.Results = await session.delete_subscriptions(session.operations(params.SubscriptionIds))
     return response
 
 
@@ -110,6 +110,19 @@ async def _delete_items(processor: "Processor", session: "Session", params: Any)
 async def _set_monitoring_mode(processor: "Processor", session: "Session", params: Any) -> Any:
     response = ua.SetMonitoringModeResponse()
     response.Parameters.Results = await session.set_monitoring_mode(params)
+    return response
+
+
+async def _set_triggering(processor: "Processor", session: "Session", params: Any) -> Any:
+    response = ua.SetTriggeringResponse()
+    response.Parameters = await session.set_triggering(params)
+    return response
+
+
+async def _cancel(processor: "Processor", session: "Session", params: Any) -> Any:
+    """Cancel publish requests that wait. Others are carried out by the time they could be cancelled."""
+    response: Any = ua.CancelResponse()
+    response.Parameters.CancelCount = processor.cancel_publish_requests(params.RequestHandle)
     return response
 
 
@@ -153,9 +166,11 @@ SERVICES: dict[int, tuple[type, Answer]] = {
     Ids.ModifyMonitoredItemsRequest_Encoding_DefaultBinary: (ua.ModifyMonitoredItemsParameters, _modify_items),
     Ids.DeleteMonitoredItemsRequest_Encoding_DefaultBinary: (ua.DeleteMonitoredItemsParameters, _delete_items),
     Ids.SetMonitoringModeRequest_Encoding_DefaultBinary: (ua.SetMonitoringModeParameters, _set_monitoring_mode),
+    Ids.SetTriggeringRequest_Encoding_DefaultBinary: (ua.SetTriggeringParameters, _set_triggering),
+    Ids.CancelRequest_Encoding_DefaultBinary: (ua.CancelParameters, _cancel),
     Ids.RepublishRequest_Encoding_DefaultBinary: (ua.RepublishParameters, _republish),
     Ids.RegisterNodesRequest_Encoding_DefaultBinary: (ua.RegisterNodesParameters, _register_nodes),
     Ids.UnregisterNodesRequest_Encoding_DefaultBinary: (ua.UnregisterNodesParameters, _unregister_nodes),
 }
-"""Request type to its parameters and what answers it. What is not here is BadServiceUnsupported: node management
-and changes of history, which this server does not have, and SetTriggering, Query and Cancel."""
+"""Request type to its parameters and what answers it. What is not here is BadServiceUnsupported: node management,
+Query and changes of history, which this server does not have."""

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any
 from asyncua import ua
 from asyncua.common.utils import Buffer, ServiceError
 from asyncua.server.internal_session import SessionState
-from asyncua.server.uaprocessor import UaProcessor
 from asyncua.ua.status_codes import StatusCodes as Codes
 from cryptography.exceptions import InvalidSignature
 
 from opcua_skill.stack.access import Peer
 from opcua_skill.stack.decoding import decode
+from opcua_skill.stack.publishing import Publishing
 from opcua_skill.stack.sessions import Channel, Session, current_channel
 from opcua_skill.stack.sign_in import prove_identity
 
@@ -20,13 +20,13 @@ if TYPE_CHECKING:
     from opcua_skill.stack.internal import SkillInternalServer
 
 log = logging.getLogger(__name__)
+SMALLEST_NONCE = 32
 
 
-class SessionServices(UaProcessor):
+class SessionServices(Publishing):
     """CreateSession, ActivateSession and CloseSession of one connection."""
 
     iserver: "SkillInternalServer"  # pyright: ignore[reportIncompatibleVariableOverride]
-    session: Session | None  # pyright: ignore[reportIncompatibleVariableOverride]
 
     def __init__(self, internal_server: Any, transport: Any, limits: Any) -> None:
         super().__init__(internal_server, transport, limits)
@@ -51,6 +51,7 @@ class SessionServices(UaProcessor):
         if self.sessions_tried > self.iserver.limits.sessions_tried_per_connection:
             raise ServiceError(Codes.BadTooManySessions)
         params = decode(ua.CreateSessionParameters, body)
+        self._check_wishes(params)
         await self._drop_session()
         await self.iserver.make_room_for_session()
         current_channel.set(self.channel)
@@ -70,12 +71,21 @@ class SessionServices(UaProcessor):
         response.Parameters = result
         self.send_response(header.RequestHandle, seqhdr, response)
 
+    def _check_wishes(self, params: ua.CreateSessionParameters) -> None:
+        """Refuse a session that is meant for another server, or whose nonce proves nothing (OPC 10000-4, 5.7.2)."""
+        if params.ServerUri and params.ServerUri != self.iserver.server_uri:
+            raise ServiceError(Codes.BadServerUriInvalid)
+        encrypted = self.channel.mode != ua.MessageSecurityMode.None_
+        if encrypted and len(params.ClientNonce or b"") < SMALLEST_NONCE:
+            raise ServiceError(Codes.BadNonceInvalid)
+
     async def _close_session(self, header: Any, seqhdr: Any, body: Buffer) -> None:
         session = self.session
         if session is None or header.AuthenticationToken != session.auth_token:
             raise ServiceError(Codes.BadSessionIdInvalid)
         session.closed_by_client = True
         await self._drop_session()
+        self.release_publish_requests(Codes.BadSessionClosed)
         self.send_response(header.RequestHandle, seqhdr, ua.CloseSessionResponse())
 
     async def _drop_session(self) -> None:
@@ -130,8 +140,8 @@ class SessionServices(UaProcessor):
             raise ServiceError(Codes.BadSessionIdInvalid)
         if session.channel is None or not session.channel.same_client(channel):
             raise ServiceError(Codes.BadSecurityChecksFailed)
-        if session.processor is not self and not (session.is_activated() and session.identity.name):
-            raise ServiceError(Codes.BadSessionIdInvalid)  # there is no user yet who could be proven the same
+        if session.processor is not self and not session.can_come_back():
+            raise ServiceError(Codes.BadSessionIdInvalid)
         return session
 
     def _take_over(self, session: Session) -> None:

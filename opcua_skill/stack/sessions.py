@@ -3,11 +3,13 @@
 import asyncio
 import dataclasses
 import logging
+import math
 import secrets
 import time
 from collections.abc import Awaitable, Callable
 from contextvars import ContextVar
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
 from asyncua import ua
@@ -82,6 +84,9 @@ class Session(SubscribingSession):
     async def create_session(self, params: ua.CreateSessionParameters, sockname: Any = None) -> ua.CreateSessionResult:
         """Answer CreateSession after checking the certificate of the channel, not one the client merely names."""
         await self.iserver.admit_client(self.channel, params)
+        if not math.isfinite(params.RequestedSessionTimeout):
+            longest: Any = self.iserver.limits.session_timeout_ms
+            params.RequestedSessionTimeout = longest
         result = await super().create_session(params, sockname)
         if self.channel is not None:
             self.sent_along = bytes(params.ClientCertificate or b"")[len(self.channel.peer.certificate) :]
@@ -154,9 +159,9 @@ class Session(SubscribingSession):
     def _as_told_to_user(self, wanted: ua.ReadValueId, told: ua.DataValue) -> ua.DataValue:
         if wanted.AttributeId == AttributeIds.UserExecutable:
             may = self.iserver.method_service.executable_by(wanted.NodeId, self.identity.role)
-            return ua.DataValue(ua.Variant(may, ua.VariantType.Boolean))
-        if wanted.AttributeId == AttributeIds.UserAccessLevel:
-            return self.iserver.user_access_level(wanted.NodeId, self.identity.role, told)
+            told = ua.DataValue(ua.Variant(may, ua.VariantType.Boolean))
+        elif wanted.AttributeId == AttributeIds.UserAccessLevel:
+            told = self.iserver.user_access_level(wanted.NodeId, self.identity.role, told)
         if wanted.IndexRange or (wanted.DataEncoding is not None and wanted.DataEncoding.Name):
             return narrowed(told, wanted)
         return told
@@ -223,7 +228,9 @@ class Session(SubscribingSession):
 
     async def _store(self, item: ua.WriteValue, value: ua.DataValue) -> ua.StatusCode:
         one = ua.WriteParameters()
-        one.NodesToWrite = [dataclasses.replace(item, Value=value, IndexRange=None) if item.IndexRange else item]
+        now: Any = datetime.now(UTC)
+        told = dataclasses.replace(value, ServerTimestamp=now, ServerPicoseconds=None)
+        one.NodesToWrite = [dataclasses.replace(item, Value=told, IndexRange=None)]
         return (await super().write(one))[0]
 
     async def history_read(self, params: Any) -> list[ua.HistoryReadResult]:
@@ -238,6 +245,12 @@ class Session(SubscribingSession):
             self.operations(params, self.iserver.limits.calls_per_request)
         with calling_as(self.caller):
             return await self.iserver.method_service.call(params)
+
+    def can_come_back(self) -> bool:
+        """Return whether another connection can be proven to be the same: there is a user, or a certificate."""
+        return self.is_activated() and bool(
+            self.identity.name or (self.channel is not None and self.channel.peer.certificate)
+        )
 
     def idle_for(self) -> float:
         """Return the seconds since the last request."""

@@ -1,5 +1,6 @@
 """A session's subscriptions and monitored items: its own and nobody else's, within the limits."""
 
+from collections import deque
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any, cast
 
@@ -13,7 +14,11 @@ from opcua_skill.stack.values import status
 
 if TYPE_CHECKING:
     from opcua_skill.stack.internal import SkillInternalServer
+    from opcua_skill.stack.session_services import SessionServices
     from opcua_skill.stack.sessions import Session
+
+
+NOTICES_KEPT = 100
 
 
 class SubscribingSession(InternalSession):
@@ -21,6 +26,21 @@ class SubscribingSession(InternalSession):
 
     iserver: "SkillInternalServer"  # pyright: ignore[reportIncompatibleVariableOverride]
     caller: Caller
+    processor: "SessionServices | None"
+
+    def __init__(self, *positional: Any, **named: Any) -> None:
+        super().__init__(*positional, **named)
+        self.notices: deque[ua.PublishResult] = deque(maxlen=NOTICES_KEPT)
+
+    def has_subscriptions(self) -> bool:
+        """Return whether there is a subscription that publishes here."""
+        return any(one.session_id == self.session_id for one in self.subscription_service.subscriptions.values())
+
+    def tell_ended(self, last_words: ua.PublishResult) -> None:
+        """Tell the client that a subscription is over for it, now or when it asks next (OPC 10000-4, 5.14.1)."""
+        self.notices.append(last_words)
+        if self.processor is not None:
+            self.processor.tell_notices()
 
     def operations(self, items: list[Any] | None, at_most: int | None = None) -> list[Any]:
         """Return the operations of a request, or refuse one that has none or too many."""
@@ -59,6 +79,8 @@ class SubscribingSession(InternalSession):
         found = self.subscription_service.subscriptions
         own = [i for i in ids if i in found and found[i].session_id == self.session_id]
         done = dict(zip(own, await super().delete_subscriptions(own), strict=True))
+        if done and self.processor is not None:
+            self.processor.tell_notices()
         return [done.get(i, status(Codes.BadSubscriptionIdInvalid)) for i in ids]
 
     async def set_publishing_mode(self, params: ua.SetPublishingModeParameters) -> list[ua.StatusCode]:
@@ -86,13 +108,16 @@ class SubscribingSession(InternalSession):
             code = self.iserver.may_transfer(subscription_id, cast("Session", self))
             if not code:
                 subscription = self.iserver.subscription_service.subscriptions[subscription_id]
-                subscription.session_id = self.session_id
+                before, subscription.session_id = subscription.session_id, self.session_id
                 subscription.counts.transfers += 1
                 subscription.pub_result_callback = callback
                 subscription.pub_request_callback = request_callback
                 if params.SendInitialValues:
                     subscription.monitored_item_srv.tell_again()
                 result.AvailableSequenceNumbers = sorted(subscription._not_acknowledged_results)
+                old = self.iserver.session_of(before)
+                if old is not None and old is not self:
+                    old.tell_ended(subscription.last_words(Codes.GoodSubscriptionTransferred))
             result.StatusCode = status(code)
             results.append(result)
         return results
@@ -132,6 +157,13 @@ class SubscribingSession(InternalSession):
         with calling_as(self.caller):
             return await super().set_monitoring_mode(params)
 
+    async def set_triggering(self, params: ua.SetTriggeringParameters) -> ua.SetTriggeringResult:
+        """Let an item of an own subscription decide when others report (OPC 10000-4, 5.13.5)."""
+        self._own(params.SubscriptionId)
+        self.operations([*(params.LinksToAdd or ()), *(params.LinksToRemove or ())])
+        items = self.iserver.subscription_service.subscriptions[params.SubscriptionId].monitored_item_srv
+        return items.set_triggering(params.TriggeringItemId, params.LinksToAdd or [], params.LinksToRemove or [])
+
     def republish(self, params: ua.RepublishParameters) -> ua.NotificationMessage:
         """Return a message of an own subscription that was not acknowledged yet."""
         self._own(params.SubscriptionId)
@@ -146,7 +178,7 @@ class SubscribingSession(InternalSession):
     def publish(self, acks: Iterable[ua.SubscriptionAcknowledgement] | None = None) -> tuple[int, list[ua.StatusCode]]:
         """Acknowledge messages of own subscriptions; return how many subscriptions there are and the results."""
         own = {i: s for i, s in self.subscription_service.subscriptions.items() if s.session_id == self.session_id}
-        if not own:
+        if not own and not self.notices:
             raise ServiceError(Codes.BadNoSubscription)
         results = []
         for ack in acks or ():

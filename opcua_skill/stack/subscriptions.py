@@ -24,7 +24,7 @@ from opcua_skill.stack.counting import SubscriptionCounts
 from opcua_skill.stack.items import Items
 from opcua_skill.stack.queues import event_fields, make_room, marked_overflowed
 from opcua_skill.stack.reading import stamped
-from opcua_skill.stack.values import node_id
+from opcua_skill.stack.values import node_id, status
 
 if TYPE_CHECKING:
     from opcua_skill.stack.internal import SkillInternalServer
@@ -70,7 +70,10 @@ class Subscription(InternalSubscription):
         self._encodings = service.encodings
         self._iserver = service.iserver
         self.counts = SubscriptionCounts()
+        self.priority = 0
+        self.most_notifications = 0
         self._lost_events: set[int] = set()
+        self._more = False
         self.monitored_item_srv = Items(self, service.aspace, service.iserver.limits)
 
     def queue_value(self, mid: int, item: MonitoredItemData, value: ua.DataValue) -> None:
@@ -79,6 +82,7 @@ class Subscription(InternalSubscription):
         OPC UA Part 4, 5.13.1.5 (Queue parameters).
         """
         oldest_goes = self.monitored_item_srv.discards_oldest(mid)
+        self.monitored_item_srv.trigger(mid)
         queue = self._triggered_datachanges.setdefault(mid, [])
         lost = make_room(queue, item.queue_size, oldest_goes) and item.queue_size > 1
         queue.append(ua.MonitoredItemNotification(ClientHandle=item.client_handle, Value=value))  # pyright: ignore[reportArgumentType]
@@ -90,6 +94,7 @@ class Subscription(InternalSubscription):
     def queue_event(self, mid: int, item: MonitoredItemData, fields: list[ua.Variant]) -> None:
         """Queue an event; where the item's queue is full, one goes, and an event beside the queue tells so once."""
         oldest_goes = self.monitored_item_srv.discards_oldest(mid)
+        self.monitored_item_srv.trigger(mid)
         queue = self._triggered_events.setdefault(mid, [])
         if make_room(queue, item.queue_size, oldest_goes):
             self.counts.event_overflows += 1
@@ -141,31 +146,95 @@ class Subscription(InternalSubscription):
         result.NotificationMessage.NotificationData.append(ua.ExtensionObject(TypeId=_DATA_CHANGE, Body=body))  # pyright: ignore[reportArgumentType]
 
     def _pop_triggered_events(self, result: ua.PublishResult) -> None:
+        self.counts.events += sum(len(queue) for queue in self._triggered_events.values())
+        super()._pop_triggered_events(result)
+
+    def _tell_losses(self) -> None:
+        """Put an event that tells of those an item has lost where they would have been."""
         for mid in self._lost_events & self._triggered_events.keys():
             queue, told = self._triggered_events[mid], self.monitored_item_srv.overflow(mid)
             queue.insert(0 if self.monitored_item_srv.discards_oldest(mid) else len(queue), told)
         self._lost_events -= self._triggered_events.keys()
-        self.counts.events += sum(len(queue) for queue in self._triggered_events.values())
-        super()._pop_triggered_events(result)
 
     def has_published_results(self) -> bool:
         """Return whether there is something to say: values of items that report, or that we are still here."""
         with self._without_sampling():
             return super().has_published_results()
 
+    async def publish_results(self, requestdata: Any = None) -> bool:
+        """Say what there is to say, in as many messages as it takes and requests are there for; end what nobody asks.
+
+        OPC UA Part 4, 5.14.1 (Subscription model).
+        """
+        if self.pub_request_callback is not None and self._publish_cycles_count > self.data.RevisedLifetimeCount:
+            await self._expire()
+            return False
+        published = await super().publish_results(requestdata)
+        more = published
+        while more and self._more:
+            more = await super().publish_results()
+        return published
+
+    async def _expire(self) -> None:
+        """End the subscription, and say so to its session."""
+        log.warning("subscription %d has expired: nobody asked for it", self.data.SubscriptionId)
+        self._iserver.subscription_service.subscriptions.pop(self.data.SubscriptionId, None)
+        self._closing = True
+        if self._task is not None and self._task is not asyncio.current_task():
+            self._task.cancel()
+        self.monitored_item_srv.delete_all_monitored_items()
+        session = self._iserver.session_of(self.session_id)
+        if session is not None:
+            session.tell_ended(self.last_words(Codes.BadTimeout))
+
+    def last_words(self, code: int) -> ua.PublishResult:
+        """Return what a session is told for which this subscription is over."""
+        result: Any = ua.PublishResult()
+        result.SubscriptionId, result.MoreNotifications = self.data.SubscriptionId, False
+        result.NotificationMessage.SequenceNumber = self._notification_seq
+        result.NotificationMessage.NotificationData = [ua.StatusChangeNotification(Status=status(code))]
+        return result
+
     def _pop_publish_result(self) -> ua.PublishResult:
         kept = len(self._not_acknowledged_results)
         with self._without_sampling():
+            if self._publishing_enabled:
+                self._tell_losses()
+            rest = self._hold_back()
             result = super()._pop_publish_result()
+            if rest is not None:
+                self._triggered_datachanges, self._triggered_events = rest
+        if self._publishing_enabled:
+            self.monitored_item_srv.triggered &= {mid for kind in rest or () for mid in kind}
+        self._more = result.MoreNotifications = rest is not None
         self.counts.publish_requests += 1
         said_something = bool(result.NotificationMessage.NotificationData) and self.pub_request_callback is not None
         self.counts.discarded_messages += said_something and len(self._not_acknowledged_results) <= kept
         return result
 
+    def _hold_back(self) -> tuple[dict[int, Any], dict[int, Any]] | None:
+        """Leave as many notifications as one message may have, and return the others; None if there are none."""
+        left = self.most_notifications
+        queues: tuple[dict[int, Any], dict[int, Any]] = (self._triggered_datachanges, self._triggered_events)
+        waiting = sum(len(queue) for kind in queues for queue in kind.values())
+        if not left or waiting <= left or not self._publishing_enabled or self.pub_request_callback is None:
+            return None
+        now: tuple[dict[int, Any], dict[int, Any]] = ({}, {})
+        rest: tuple[dict[int, Any], dict[int, Any]] = ({}, {})
+        for kind, said, kept in zip(queues, now, rest, strict=True):
+            for mid, queue in kind.items():
+                if queue[:left]:
+                    said[mid] = queue[:left]
+                if queue[left:]:
+                    kept[mid] = queue[left:]
+                left -= min(left, len(queue))
+        self._triggered_datachanges, self._triggered_events = now
+        return rest
+
     @contextmanager
     def _without_sampling(self) -> Iterator[None]:
         """Set aside what items in mode Sampling have queued: it is told when they report."""
-        silent = self.monitored_item_srv.sampling
+        silent = self.monitored_item_srv.sampling - self.monitored_item_srv.triggered
         if not silent:
             yield
             return
@@ -235,6 +304,7 @@ class Subscriptions(SubscriptionService):
         self.revise(params)
         subscription, result = self.subscriptions[params.SubscriptionId], ua.ModifySubscriptionResult()
         subscription.counts.modified += 1
+        subscription.priority, subscription.most_notifications = params.Priority, params.MaxNotificationsPerPublish
         data = subscription.data
         data.RevisedPublishingInterval = result.RevisedPublishingInterval = params.RequestedPublishingInterval
         data.RevisedLifetimeCount = result.RevisedLifetimeCount = params.RequestedLifetimeCount
@@ -274,6 +344,7 @@ class Subscriptions(SubscriptionService):
             max_queue_size=limits.queue_of_item,
             publishing_enabled=params.PublishingEnabled,
         )
+        subscription.priority, subscription.most_notifications = params.Priority, params.MaxNotificationsPerPublish
         await subscription.start()
         self.subscriptions[result.SubscriptionId] = subscription
         if request_callback is not None:

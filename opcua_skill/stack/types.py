@@ -26,6 +26,21 @@ def supertypes(aspace: AddressSpace, node_id: ua.NodeId) -> Iterator[ua.NodeId]:
         at = above[0] if above else None
 
 
+def subtypes(aspace: AddressSpace, of: ua.NodeId) -> Iterator[ua.NodeId]:
+    """Yield a type and all types below it."""
+    seen, waiting = set[ua.NodeId](), [of]
+    while waiting:
+        at = waiting.pop()
+        if at in seen:
+            continue
+        seen.add(at)
+        yield at
+        node = aspace.get(at)
+        waiting += (
+            [r.NodeId for r in node.references if r.ReferenceTypeId == _HAS_SUBTYPE and r.IsForward] if node else []
+        )
+
+
 def is_subtype(aspace: AddressSpace, node_id: ua.NodeId, of: ua.NodeId) -> bool:
     """Return whether a type is another one or a subtype of it."""
     return any(found == of for found in supertypes(aspace, node_id))

@@ -207,8 +207,6 @@ async def test_a_wrong_identity_token_gets_nobody_in(scene: Scene, token):
 
 async def test_services_the_server_lacks_are_refused(scene: Scene):
     lacking = (
-        Ids.SetTriggeringRequest_Encoding_DefaultBinary,
-        Ids.CancelRequest_Encoding_DefaultBinary,
         Ids.QueryFirstRequest_Encoding_DefaultBinary,
         Ids.AddNodesRequest_Encoding_DefaultBinary,
         Ids.DeleteNodesRequest_Encoding_DefaultBinary,

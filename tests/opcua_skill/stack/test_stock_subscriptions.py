@@ -117,6 +117,34 @@ async def test_a_value_is_encoded_for_each_subscriber(stock: Stock):
     await stock.session().delete_subscriptions([number])
 
 
+async def test_a_message_may_have_any_number_of_notifications(stock: Stock):
+    wanted = ua.CreateSubscriptionParameters(RequestedPublishingInterval=1e6, MaxNotificationsPerPublish=1)
+    number = (await stock.session().create_subscription(wanted, no_callback, no_callback)).SubscriptionId
+    for name in ("Speed", "Word"):
+        await item(stock, number, name)
+    (told,) = subscription(stock, number)._pop_publish_result().NotificationMessage.NotificationData
+    assert len(told.MonitoredItems) == 2, mended("messages have bounds", "subscriptions.py: Subscription._hold_back")
+    await stock.session().delete_subscriptions([number])
+
+
+async def test_a_subscription_expires_in_silence(stock: Stock):
+    told: list[Any] = []
+
+    async def tell(result: Any, *_: Any) -> None:
+        told.append(result)
+
+    wanted = ua.CreateSubscriptionParameters(RequestedPublishingInterval=1e6)
+    number = (await stock.session().create_subscription(wanted, tell, no_callback)).SubscriptionId
+    subscription(stock, number)._publish_cycles_count = 10**6
+    await subscription(stock, number).publish_results()
+    assert number not in stock.iserver.subscription_service.subscriptions
+    assert not told, mended("the end of a subscription is told", "subscriptions.py: Subscription._expire")
+
+
+def no_callback(*_: Any) -> None:
+    return None
+
+
 async def test_an_item_ignores_range_and_filter(stock: Stock):
     number = await subscribed(stock)
     made = await item(stock, number, "Row", part="1")
@@ -125,8 +153,8 @@ async def test_an_item_ignores_range_and_filter(stock: Stock):
     element = ua.ContentFilterElement(FilterOperator=ua.FilterOperator.RelatedTo)
     odd = ua.EventFilter(WhereClause=ua.ContentFilter(Elements=[element]))
     made = await item(stock, number, "Server", Filter=odd)
-    assert made.StatusCode.is_good(), mended("event filters are looked at", "filters.py: event_filter_fault")
-    with still_raises(AttributeError, "a filter must suit its item", "items.py: Items._fault"):
+    assert made.StatusCode.is_good(), mended("event filters are looked at", "filters.py: FilterLooked")
+    with still_raises(AttributeError, "a filter must suit its item", "data_filters.py: data_filter"):
         await item(stock, number, "Speed", Filter=odd)
         await stock.server.get_node(stock.node("Speed")).write_value(2.5)
     made = await item(stock, number, "Word", QueueSize=0)
@@ -204,7 +232,7 @@ async def test_a_deadband_on_text_is_a_fault(stock: Stock):
     values = SimpleNamespace(
         get_old_datavalue=lambda: ua.DataValue("a"), get_current_datavalue=lambda: ua.DataValue("b")
     )
-    with still_raises(TypeError, "a deadband suits its value", "items.py: Items._is_deadband_exceeded"):
+    with still_raises(TypeError, "a deadband suits its value", "data_filters.py: moved"):
         items._is_deadband_exceeded(values, wanted)
     await stock.session().delete_subscriptions([number])
 
