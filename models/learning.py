@@ -25,9 +25,8 @@ from models.geometry import diagonal, norms
 from models.group import mean_of
 from models.motion import Motion
 from models.options import LearningOptions
-from models.paper import fit_as_published
 from models.phase import arc_lengths
-from models.recommended import fit_recommended
+from models.presets import FILTER_WINDOW, preset_named
 from models.report import (
     AlignedDemonstration,
     DemonstrationError,
@@ -51,7 +50,6 @@ __all__ = [
     "samples_along_path",
 ]
 
-FILTER_WINDOW = 0.07
 TIME_STEP = 0.008
 WIDEST = 10.0
 OTHER_UNIT = 100.0
@@ -100,6 +98,7 @@ def _learn(
     previous: Previous | None,
     compare: bool,
 ) -> LearnedMotion:
+    preset = preset_named(options.preset)
     verdicts: dict[int, Verdict] = {}
     motions: dict[int, CleanMotion] = {}
     for index, demonstration in enumerate(demonstrations):
@@ -110,9 +109,8 @@ def _learn(
             continue
         try:
             struck = edits.struck.get(name, frozenset())
-            published = options.preset == "paper"
-            window = options.filter_window or (FILTER_WINDOW if published else 0.0)
-            motions[index] = clean(demonstration, struck, window, not published)
+            window = options.filter_window or preset.filter_window
+            motions[index] = clean(demonstration, struck, window, preset.despiked)
         except SkillError as error:
             verdicts[index] = _left_out(name, str(error), "invalid")
     _check_units(motions, verdicts)
@@ -123,8 +121,7 @@ def _learn(
         raise TooFewDemonstrations(len(motions), 2, reasons)
     order = sorted(motions)
     tell(0.4, "aligning")
-    pipeline = fit_as_published if options.preset == "paper" else fit_recommended
-    fitted = pipeline([motions[index] for index in order], options, tell)
+    fitted = preset.fit([motions[index] for index in order], options, tell)
     longest = [max((one.share for one in fitted.pauses.get(row, ())), default=0.0) for row in fitted.rows]
     usual_pause = float(np.median(longest))
     for row, index in enumerate(order):
@@ -158,7 +155,7 @@ def _learn(
     everyone = [motions[index].demonstration_id for index in order]
     report = _report(motion, replace(fitted, findings=findings), everyone, names, every, options)
     tell(0.95, "comparing")
-    if compare and options.preset != "paper":
+    if compare and preset.compared:
         window = options.filter_window or FILTER_WINDOW
         report = replace(report, paper=to_paper(motion, [demonstrations[index] for index in order], edits, window))
     if previous is not None:

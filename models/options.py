@@ -1,11 +1,21 @@
 """How to learn: presets and what may be changed of them."""
 
 from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import entry_points
 from typing import Literal
 
 from models.errors import OptionOutOfRange
 
-Preset = Literal["recommended", "free", "paper"]
+OWN_PRESETS = ("recommended", "free", "paper")
+DOOR = "opcua_skill.presets"
+"""The group of entry points under which others bring presets of their own (``models.presets.Preset``)."""
+
+
+@cache
+def preset_names() -> tuple[str, ...]:
+    """Return the names of all presets: ours, then those that installed distributions bring."""
+    return (*OWN_PRESETS, *sorted({entry.name for entry in entry_points(group=DOOR)} - set(OWN_PRESETS)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,7 +31,7 @@ class LearningOptions:
     other. The preset ``free`` is ``recommended`` with ``place`` free.
     """
 
-    preset: Preset = "recommended"
+    preset: str = "recommended"
     components: int = 0
     filter_window: float = 0.0
     alignment: Literal["", "dtw", "fastdtw"] = ""
@@ -34,7 +44,7 @@ class LearningOptions:
 
     def __post_init__(self) -> None:
         for name, allowed in (
-            ("preset", ("recommended", "free", "paper")),
+            ("preset", preset_names()),
             ("alignment", ("", "dtw", "fastdtw")),
             ("clock", ("", "path", "time")),
             ("place", ("plate", "free")),

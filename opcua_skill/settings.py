@@ -9,6 +9,8 @@ from urllib.parse import urlsplit
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 from pydantic_settings import BaseSettings, EnvSettingsSource, SettingsConfigDict
 
+from sim.drivers import SIMULATIONS, driver_names
+
 WORKSTATION_NAME = r"^[A-Za-z][A-Za-z0-9_-]{0,63}$"
 
 
@@ -77,9 +79,10 @@ class Workstation(Section):
         default="panda",
         description="name of the arm, or the folder with the URDF and the limits file of one's own",
     )
-    driver: Literal["pybullet", "kinematic"] = Field(
-        default="pybullet", description="what moves: PyBullet, or kinematics alone"
+    driver: str = Field(
+        default="pybullet", description="what moves: pybullet, kinematic, or an installed driver's name"
     )
+    driver_settings: dict[str, Any] = Field(default={}, description="what an installed driver asks for")
     realtime: bool = Field(default=True, description="pace a simulated arm like a real one; false: as fast as possible")
     table_height: float = Field(default=0.0, ge=-2.0, le=2.0, description="the table's plane in the arm's base, m")
     fixtures: tuple[Fixture, ...] = Field(default=(), description="what the arm has to keep clear of")
@@ -166,6 +169,17 @@ class Settings(BaseSettings):
     limits: Limits = Field(default=Limits(), description="limits of one request")
     learning: Learning = Field(default=Learning(), description="the learning workers")
     security: Security = Field(default=Security(), description="who may connect")
+
+    @field_validator("workstations")
+    @classmethod
+    def _drivers_are_there(cls, workstations: tuple[Workstation, ...]) -> tuple[Workstation, ...]:
+        for station in workstations:
+            if station.driver not in driver_names():
+                names = ", ".join(driver_names())
+                raise ValueError(f"no driver is called {station.driver!r} ({station.name}): there are {names}")
+            if station.driver_settings and station.driver in SIMULATIONS:
+                raise ValueError(f"{station.name}: a simulation takes no driver_settings")
+        return workstations
 
     @field_validator("endpoint")
     @classmethod

@@ -1,7 +1,12 @@
-"""Which reader reads which file. A new format is one more file beside these and its name in one of the tables here."""
+"""Which reader reads which file. A new format is one more file beside these and its name in one of the tables here.
+
+Installed distributions bring formats of their own by entry point: a ``Format`` under ``opcua_skill.readers``.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import entry_points
 from pathlib import Path
 
 from library.errors import ReaderError
@@ -10,6 +15,21 @@ from library.readers.choices import Choices
 from library.readers.lasa import read as read_lasa
 from library.readers.sheet import Sheet
 from models.demonstration import Demonstration
+
+DOOR = "opcua_skill.readers"
+
+
+@dataclass(frozen=True, slots=True)
+class Format:
+    """A format of files that end in one of the lower-case ``suffixes``, such as ``.pose``.
+
+    ``recognised`` says by a look into a file whether it is one. ``read`` returns the demonstrations in it, in m and s;
+    what it raises besides ReaderError is told as a damaged file.
+    """
+
+    suffixes: frozenset[str]
+    read: Callable[[Path, Choices], list[Demonstration]]
+    recognised: Callable[[Path], bool] = lambda path: True
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +86,23 @@ OTHER_PROGRAMS = {
 """Files of other programs, which only those can read: the program, and as what to export them."""
 
 
+@cache
+def brought() -> tuple[Format, ...]:
+    """Return the formats that installed distributions bring. Raises TypeError if one brings something else."""
+    found: list[Format] = []
+    for entry in sorted(entry_points(group=DOOR), key=lambda entry: entry.name):
+        one = entry.load()
+        if not isinstance(one, Format):
+            raise TypeError(f"{entry.value} is no library.readers.formats.Format")
+        found.append(one)
+    return tuple(found)
+
+
+def suffixes() -> tuple[str, ...]:
+    """Return how files end that can be read, in lower case."""
+    return tuple(sorted({*BINARY, *TEXT_SUFFIXES}.union(*(one.suffixes for one in brought()))))
+
+
 def read(path: str | Path, choices: Choices | None = None) -> list[Demonstration]:
     """Return the demonstrations in a file; its format is known by its name and its first lines."""
     path = Path(path)
@@ -75,6 +112,9 @@ def read(path: str | Path, choices: Choices | None = None) -> list[Demonstration
         if not (path / "metadata.yaml").exists():
             raise ReaderError(path, "it is a folder", "name the files in it")
         return ros_bag.read(path, choices)
+    theirs = next((one for one in brought() if suffix in one.suffixes and one.recognised(path)), None)
+    if theirs is not None:
+        return theirs.read(path, choices)
     if suffix in BINARY:
         return BINARY[suffix](path, choices)
     if suffix in TEXT_SUFFIXES:
@@ -87,4 +127,5 @@ def read(path: str | Path, choices: Choices | None = None) -> list[Demonstration
         raise ReaderError(path, f"only {program} reads files that end in {suffix}", f"export it from there as {form}")
     what = f"files that end in {suffix} are not known" if suffix else "its name does not end in a format"
     first = "save it as CSV; " if suffix in SPREADSHEETS else "unpack it; " if suffix in PACKED else ""
-    raise ReaderError(path, what, f"{first}these can be read: {KNOWN}")
+    more = sorted(set(suffixes()) - BINARY.keys() - TEXT_SUFFIXES)
+    raise ReaderError(path, what, f"{first}these can be read: {', '.join((KNOWN, *more))}")

@@ -77,6 +77,11 @@ class SkillClient:
         """Return whether somebody else than who taught a version has to approve it."""
         return bool((await self.session.read(f"{LIBRARY}/FourEyes"))[0])
 
+    async def presets(self) -> tuple[str, ...]:
+        """Return the ways to learn that the server has, for ``LearningOptions.preset``; the default first."""
+        (names,) = await self.session.read(f"{LIBRARY}/Presets")
+        return tuple(str(name) for name in names or ())
+
     async def limits(self) -> Limits:
         """Return what one call may bring."""
         names = ("MaxDemonstrations", "MaxPointsPerDemonstration", "MaxQueuedJobs", "MaxMessageSize")

@@ -50,10 +50,11 @@ class Failure(StrEnum):
 class LearningOptions:
     """How to learn. Empty or 0 means the preset's own value; ``filter_window`` and ``time_step`` in s.
 
-    ``free`` is ``recommended`` for a task that may be shown anywhere, at any size and turn.
+    ``preset`` is one that the server has (`SkillClient.presets`); ``free`` is ``recommended`` for a task that may be
+    shown anywhere, at any size and turn.
     """
 
-    preset: Literal["recommended", "free", "paper"] = "recommended"
+    preset: str = "recommended"
     components: int = 0
     filter_window: float = 0.0
     alignment: Literal["", "dtw", "fastdtw"] = ""

@@ -1,9 +1,10 @@
-"""Which class moves which workstation: the only place of the product that knows there is a PyBullet."""
+"""Which arm moves which workstation."""
 
 from opcua_skill.commands.faults import Fault
 from opcua_skill.jobs.station import model_of
 from opcua_skill.settings import Settings
 from sim.arm import Arm
+from sim.drivers import SIMULATIONS, driver_named, simulation
 from sim.imperfection import Imperfection
 
 
@@ -18,14 +19,19 @@ class Arms:
                 raise Fault(f"workstation {station.name}: {wrong}") from None
         self._stations = {station.name: station for station in settings.workstations}
 
-    def __call__(self, workstation: str, simulation: bool) -> Arm:
-        """Return an arm, not yet open."""
+    def __call__(self, workstation: str, simulated: bool) -> Arm:
+        """Return an arm, not yet open. Beside one that is no simulation, PyBullet simulates."""
         station = self._stations[workstation]
-        realtime = station.realtime and not simulation
         model = model_of(station)
+        if station.driver not in SIMULATIONS and not simulated:
+            try:
+                return driver_named(station.driver)(model, station.driver_settings)
+            except ValueError as wrong:
+                raise Fault(f"workstation {workstation}: {wrong}") from None
         worse = Imperfection(**station.imperfection.model_dump()) if any(station.imperfection.sizes) else None
-        if station.driver == "pybullet":
-            from sim.pybullet_arm import PyBulletArm as ArmOfDriver
-        else:
-            from sim.kinematic_arm import KinematicArm as ArmOfDriver
-        return ArmOfDriver(model, realtime=realtime, imperfection=None if simulation else worse)
+        return simulation(
+            station.driver,
+            model,
+            realtime=station.realtime and not simulated,
+            imperfection=None if simulated else worse,
+        )

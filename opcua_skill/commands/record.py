@@ -38,6 +38,7 @@ from opcua_skill.gateway import (
     SourceFault,
     UdpSource,
     pass_on,
+    tracker_at,
 )
 
 LOOPBACK = "127.0.0.1"
@@ -52,6 +53,9 @@ def record(
     udp: Annotated[
         int | None, typer.Option("--udp", metavar="PORT", min=0, max=65535, help="port to listen on; 0: a free one")
     ] = None,
+    tracker: Annotated[
+        str, typer.Option("--tracker", metavar="NAME[:ADDRESS]", help="installed tracker to record from")
+    ] = "",
     bind: Annotated[str, typer.Option("--bind", metavar="ADDRESS", help="address to listen on")] = LOOPBACK,
     sender: Annotated[
         str, typer.Option("--sender", metavar="ADDRESS", help="address of the tracker: nobody else is listened to")
@@ -81,12 +85,14 @@ def record(
     user: User = "",
     as_json: Json = False,
 ) -> None:
-    """Record demonstrations on a workstation: from a tracker that sends by UDP, or by replaying files.
+    """Record demonstrations on a workstation: from a tracker, or by replaying files.
 
     Each press of the push button is one demonstration. Ctrl-C ends a recording.
     """
-    if (udp is None) == (not files):
-        raise typer.BadParameter("give either --from FILE or --udp PORT", param_hint="--from / --udp")
+    if (udp is not None) + bool(files) + bool(tracker) != 1:
+        raise typer.BadParameter(
+            "give one of --from FILE, --udp PORT and --tracker NAME", param_hint="--from / --udp / --tracker"
+        )
     if on_interrupt not in ("ask", "finish", "discard"):
         raise typer.BadParameter(f"{on_interrupt!r} is not one of ask, finish, discard", param_hint="--on-interrupt")
     options = learning_options(option or [])
@@ -99,7 +105,10 @@ def record(
         recorder = client.workstation(on).recorder
         with stopping() as stop:
             source: Source
-            if udp is None:
+            if tracker:
+                async with tracker_at(tracker) as source:
+                    ended = await passed_on(recorder, source, operator, stop)
+            elif udp is None:
                 source = ReplaySource(shown, ", ".join(file.name for file in files or ())[:200], speed)
                 ended = await passed_on(recorder, source, operator, stop)
             else:

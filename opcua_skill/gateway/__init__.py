@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from opcua_skill.client import Recorder, Refused
 from opcua_skill.gateway.lines import FORMAT, Intake, Line, Losses, parse
 from opcua_skill.gateway.sources import STOPPED, ReplaySource, Source, SourceFault, UdpSource
+from opcua_skill.gateway.trackers import tracker_at
 
 __all__ = [
     "FORMAT",
@@ -25,6 +26,7 @@ __all__ = [
     "UdpSource",
     "parse",
     "pass_on",
+    "tracker_at",
 ]
 
 

@@ -6,6 +6,7 @@ from typing import Any
 from asyncua import ua
 from asyncua.ua.object_ids import ObjectIds
 
+from models.options import preset_names
 from opcua_skill.methods.library import LibraryMethods
 from opcua_skill.nodes.tree import Tree, count, number, standard, texts
 from opcua_skill.nodes.types import BOOLEAN, BYTE, BYTE_STRING, DOUBLE, STATUS_CODE, STRING, UINT32
@@ -198,6 +199,8 @@ async def add_library(
         ("MaxAnswerSize", tree.server.stack_limits.largest_answer),  # type: ignore[attr-defined]
     ):
         tree.property(f"{PATH}/Limits/{name}", bounds, count(value))
+    presets = texts(preset_names())
+    tree.property(f"{PATH}/Presets", library, presets, description="ways to learn, for LearningOptions.Preset")
     tree.property(f"{PATH}/Faults", library, texts(()), description="what ServiceLevel is lowered for, in words")
     tree.property(f"{PATH}/LongestHold", library, number(0.0), description="s the event loop was held longest")
     tree.property(f"{PATH}/Holds", library, count(0), description="how often it was held for more than 20 ms")

@@ -116,6 +116,7 @@ class PanelSession:
     rights: frozenset[str] = frozenset()
     insecure: tuple[str, ...] = ()
     four_eyes: bool = True
+    presets: tuple[str, ...] = ()
     happenings: deque[Happening] = field(default_factory=lambda: deque(maxlen=KEPT_HAPPENINGS))
     times_recovered: int = 0
     recovered_at: datetime | None = None
@@ -211,6 +212,7 @@ class PanelSession:
             await self._read_rights(names)
             self.insecure = await self._watch.insecure()
             self.four_eyes = await self._watch.four_eyes()
+            self.presets = await self._watch.presets()
         except BaseException as error:
             self._work = self._watch = None
             for client in opened:

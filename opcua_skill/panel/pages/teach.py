@@ -107,7 +107,7 @@ class TeachPage:
         name.bind_value(taught, "name").on_value_change(self._ready)
         kind = ui.input(words("What kind of skill"), autocomplete=TYPES).props("dense outlined").classes("w-full")
         kind.bind_value(taught, "semantic_type")
-        presets = {key: words(label) for key, label in PRESETS.items()}
+        presets = {key: words(PRESETS[key]) if key in PRESETS else key for key in self.session.presets}
         how = choose(presets, taught.preset, label=words("How to learn")).classes("w-full")
         how.bind_value(taught, "preset")
         self.learn_button = ui.button(words("Learn"), on_click=self.learn).props("no-caps unelevated").classes("w-full")
