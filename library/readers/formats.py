@@ -114,7 +114,14 @@ def read(path: str | Path, choices: Choices | None = None) -> list[Demonstration
         return ros_bag.read(path, choices)
     theirs = next((one for one in brought() if suffix in one.suffixes and one.recognised(path)), None)
     if theirs is not None:
-        return theirs.read(path, choices)
+        try:
+            return theirs.read(path, choices)
+        except (ReaderError, MemoryError):
+            raise
+        except Exception as error:  # whatever a stranger's reader stumbles over, the file is not read
+            raise ReaderError(
+                path, f"its reader failed: {error!r}", "is it damaged? else ask whoever wrote it"
+            ) from error
     if suffix in BINARY:
         return BINARY[suffix](path, choices)
     if suffix in TEXT_SUFFIXES:
