@@ -33,6 +33,9 @@ FORMATS = {".json": "json", ".aml": "aml", ".aas": "aas"}
 
 def learning_options(given: list[str]) -> LearningOptions:
     """Return options from ``key=value`` words; wrong ones are a usage error that names the key."""
+    for word in given:
+        if "=" not in word:
+            raise typer.BadParameter(f"{word!r} is not KEY=VALUE", param_hint="--option")
     pairs = {key: value for key, _, value in (word.partition("=") for word in given)}
     try:
         return made_of(LearningOptions, pairs)

@@ -45,7 +45,7 @@ VERBS = {
     "record": Verb(
         "record",
         "record",
-        "Record demonstrations on a workstation: from a tracker that sends by UDP, or by replaying files.",
+        "Record demonstrations on a workstation: from a tracker, or by replaying files.",
     ),
     "skills": Verb("skills", "app", "Skills of the library: look, approve, deploy, exchange."),
     "recipes": Verb("recipes", "app", "Recipes: time step, speed, frame and heights of a run."),
