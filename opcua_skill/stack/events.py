@@ -3,7 +3,6 @@
 import copy
 import logging
 import secrets
-import time
 from array import array
 from datetime import UTC, datetime
 from typing import Any
@@ -17,6 +16,7 @@ from asyncua.ua.object_ids import ObjectIds as Ids
 
 from opcua_skill.stack.arguments import builtin_types
 from opcua_skill.stack.calls import CallRecord
+from opcua_skill.stack.standard_nodes import time_zone
 from opcua_skill.stack.types import is_subtype, notifiers
 from opcua_skill.stack.values import SERVER, node_id, status
 
@@ -32,18 +32,14 @@ async def make_notifier(node: Node, parent: Node | None = None) -> None:
     await above.add_reference(node, Ids.HasNotifier, forward=True, bidirectional=True)
 
 
-async def deliver(iserver: Any, source: ua.NodeId, event: Event) -> None:
-    """Complete an event (EventId, Time, ReceiveTime, LocalTime, SourceNode, SourceName) and give it to all subscribers
-    of the source, of its notifiers upwards, and of the Server object; an audit event only to those whom it is for."""
-    aspace = iserver.aspace
+def completed(aspace: Any, source: ua.NodeId, event: Event) -> Event:
+    """Return an event with EventId, Time, ReceiveTime, LocalTime, SourceNode and SourceName."""
     now = datetime.now(UTC)
     _set(event, "EventId", secrets.token_bytes(16), ua.VariantType.ByteString)
     if getattr(event, "Time", None) is None:
         _set(event, "Time", now, ua.VariantType.DateTime)
     _set(event, "ReceiveTime", now, ua.VariantType.DateTime)
-    local = time.localtime(now.timestamp())
-    zone = ua.TimeZoneDataType(Offset=ua.Int16(local.tm_gmtoff // 60), DaylightSavingInOffset=local.tm_isdst > 0)
-    _set(event, "LocalTime", zone, ua.VariantType.ExtensionObject)
+    _set(event, "LocalTime", time_zone(now), ua.VariantType.ExtensionObject)
     if getattr(event, "SourceNode", None) is None:
         _set(event, "SourceNode", source, ua.VariantType.NodeId)
     if not getattr(event, "SourceName", None):
@@ -55,6 +51,14 @@ async def deliver(iserver: Any, source: ua.NodeId, event: Event) -> None:
     for field, kind in event.data_types.items():
         if isinstance(kind, ua.NodeId):  # asyncua's generated classes name some types by their DataType node
             event.data_types[field] = ua.VariantType(next(iter(builtin_types(aspace, kind))))
+    return event
+
+
+async def deliver(iserver: Any, source: ua.NodeId, event: Event) -> None:
+    """Complete an event and give it to all subscribers of the source, of its notifiers upwards, and of the Server
+    object; an audit event only to those whom it is for."""
+    aspace = iserver.aspace
+    event = completed(aspace, source, event)
     about = (
         str(getattr(event, "ClientUserId", "") or "") if is_subtype(aspace, vars(event)["EventType"], _AUDIT) else None
     )

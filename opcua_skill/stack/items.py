@@ -214,11 +214,23 @@ class Items(MonitoredItemService):
             self.triggered |= self._links[mid] & self.sampling
 
     def tell_again(self) -> None:
-        """Queue the value each item has now, for a session that has taken the subscription over."""
+        """Queue the value each item that reports has now, for a session that takes over or asks for it."""
         for mid, item in self._monitored_items.items():
             value = item.mvalue.current_dvalue
-            if value is not None and item.mode != ua.MonitoringMode.Disabled:
+            if value is not None and item.mode == ua.MonitoringMode.Reporting:
                 self.isub.queue_value(mid, item, value)
+
+    def hears_events(self, mid: int) -> bool:
+        """Return whether there is such an item, and it is one of events."""
+        item = self._monitored_items.get(mid)
+        return item is not None and item.where_clause_evaluator is not None
+
+    def tell_event(self, event: Any, mid: int | None) -> None:
+        """Queue an event for one item of events, or for all, whatever they filter for."""
+        for one in [mid] if mid is not None else list(self._monitored_items):
+            item = self._monitored_items[one]
+            if self.hears_events(one) and item.mode != ua.MonitoringMode.Disabled:
+                self.isub.queue_event(one, item, event.to_event_fields(item.filter.SelectClauses))
 
     def _modify_monitored_item(self, params: ua.MonitoredItemModifyRequest) -> ua.MonitoredItemModifyResult:
         result, wanted = ua.MonitoredItemModifyResult(), params.RequestedParameters

@@ -29,6 +29,8 @@ from opcua_skill.stack.discovery import Registration
 from opcua_skill.stack.events import call_event, deliver
 from opcua_skill.stack.internal import SkillInternalServer
 from opcua_skill.stack.limits import Limits
+from opcua_skill.stack.server_methods import ServerMethods
+from opcua_skill.stack.standard_nodes import list_modelling_rules, standard_values, take_away, tell_local_time
 from opcua_skill.stack.transport import Acceptor, ReservedPort
 
 log = logging.getLogger(__name__)
@@ -145,7 +147,11 @@ class SkillServer(Server):
         )
         await self.load_certificate(self.certificate.certificate_file)
         await self.load_private_key(self.certificate.key_file)
-        await tell(self.iserver, capabilities(self.stack_limits, self.security))
+        take_away(self.iserver.aspace)
+        list_modelling_rules(self.iserver)
+        tell_local_time(self.iserver.aspace)
+        await tell(self.iserver, capabilities(self.stack_limits, self.security) | standard_values())
+        ServerMethods(self.iserver).offer()
         await self.iserver.diagnostics.offer()
         await tell(self.iserver, _shutdown_in(0, ""))
         now, release = datetime.now(UTC), product_version()
