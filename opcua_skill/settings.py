@@ -65,9 +65,12 @@ class Fixture(Section):
 
 
 class ToolTip(Section):
-    """Where the tool's tip is if not where the arm's description has it."""
+    """Which of the arm's tools it carries, and where the tip is if not where the arm's files have it."""
 
-    offset: tuple[float, float, float] = Field(description="from the description's tip, in its frame, m")
+    name: str = Field(default="", description="one of [[tools]] in the arm's limits file; empty: its first tool")
+    offset: tuple[float, float, float] = Field(
+        default=(0.0, 0.0, 0.0), description="from that tool's tip, in its frame, m"
+    )
     turn: tuple[float, float, float] = Field(default=(0.0, 0.0, 0.0), description="roll, pitch, yaw in that frame, rad")
 
 

@@ -72,6 +72,24 @@ class Tool:
 
 
 @dataclass(frozen=True, slots=True)
+class SpareTool:
+    """Another tool for the same arm: its tip is at ``offset`` and ``turn`` in the frame of link ``tip``.
+
+    m, and roll, pitch, yaw in rad. ``capsules`` hold it, in that frame. ``residual`` in m is what was left when the tip
+    was measured; NaN: it was not.
+    """
+
+    name: str
+    tip: str
+    offset: tuple[float, float, float]
+    turn: tuple[float, float, float]
+    mass: float
+    length: float
+    capsules: tuple[Capsule, ...]
+    residual: float
+
+
+@dataclass(frozen=True, slots=True)
 class ArmModel:
     """One kind of arm with its nozzle: everything a plan needs to know of it.
 
@@ -98,6 +116,10 @@ class ArmModel:
     digest: str
     collisions_checked: bool = True
     """False only where the configuration says in as many words that nothing is checked: then a hull may be missing."""
+    tools: tuple[SpareTool, ...] = ()
+    """What else the arm can carry; a workstation names one of them."""
+    unconfirmed: tuple[str, ...] = ()
+    """What of its files was proposed and nobody has looked at yet."""
 
     @property
     def dof(self) -> int:

@@ -297,6 +297,17 @@ def check_hull(model: ArmModel) -> list[Finding]:
     return [Finding("ParameterInvalid", math.nan, math.nan, math.nan, "", text)]
 
 
+def check_confirmed(model: ArmModel) -> list[Finding]:
+    """Return whether anything in an arm's files was proposed and nobody has looked at it yet."""
+    if not model.unconfirmed:
+        return []
+    text = (
+        f"of {model.name} nobody has confirmed {', '.join(model.unconfirmed)}: look at each in its limits file and "
+        "take its name out of to_confirm"
+    )
+    return [Finding("ParameterInvalid", math.nan, math.nan, len(model.unconfirmed), "", text)]
+
+
 def _place(time: float, phase: float) -> str:
     if math.isnan(phase):
         return "on the way to or from the path"

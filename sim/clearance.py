@@ -13,7 +13,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from sim.arm import ArmModel, Floats, Pose
+from sim.arm import ArmModel, Capsule, Floats, Pose
 from sim.checks import Finding
 from sim.kinematics import kinematics
 
@@ -111,6 +111,19 @@ def least_distances(model: ArmModel, joints: Floats, boxes: tuple[Box, ...]) -> 
     return np.min(gaps, axis=0) if gaps else np.full(len(joints), math.inf)
 
 
+def between_links(model: ArmModel, joints: Floats, first: str, second: str) -> Floats:
+    """Return how far (n,) in m two links' capsules are from each other at joints (n, dof)."""
+    places = list(zip(model.capsules, _capsules(model, joints), strict=True))
+    gaps = [
+        _between_segments(*here, *there) - one.radius - other.radius
+        for one, here in places
+        if one.link == first
+        for other, there in places
+        if other.link == second
+    ]
+    return np.asarray(np.min(gaps, axis=0), dtype=np.float64)
+
+
 def _capsules(model: ArmModel, joints: Floats) -> list[tuple[Floats, Floats]]:
     """Return start and end (n, 3) of every capsule in the base frame."""
     frames = kinematics(model).frames(joints)
@@ -130,7 +143,7 @@ def tool_blocked(model: ArmModel, points: Floats, rotations: Floats, boxes: tupl
     chain = kinematics(model)
     frames = chain.frames(chain.seed[None])
     position, rotation = chain.seed_position, chain.seed_rotation
-    needle, fixed = _needle(model), _after_the_last_joint(model)
+    at_tip, fixed = _needle(model), _after_the_last_joint(model)
     for k, capsule in enumerate(model.capsules):
         if capsule.link not in fixed:
             continue
@@ -138,7 +151,7 @@ def tool_blocked(model: ArmModel, points: Floats, rotations: Floats, boxes: tupl
         ends = [rotation.T @ (at + turn @ np.array(end) - position) for end in (capsule.start, capsule.end)]
         start, end = (points + rotations @ one for one in ends)
         for box in boxes:
-            if k == needle and box.name in {"table", "part"}:
+            if k == at_tip and box.name in {"table", "part"}:
                 continue
             if (_to_box_from_segment(start, end, box) - capsule.radius).min() < MARGIN:
                 return True
@@ -171,11 +184,11 @@ def _gaps_among_links(model: ArmModel, places: list[tuple[Floats, Floats]]) -> G
 
 def _gaps_to_box(model: ArmModel, places: list[tuple[Floats, Floats]], box: Box) -> Gaps:
     """Yield for every capsule that has to keep clear of a box what it belongs to, and how far (n,) it is."""
-    needle, standing = _needle(model), _standing(model)
+    at_tip, standing = _needle(model), _standing(model)
     watched = [
         (capsule, place)
         for k, (capsule, place) in enumerate(zip(model.capsules, places, strict=True))
-        if box.name not in {"table", "part"} or not (k == needle or capsule.link in standing)
+        if box.name not in {"table", "part"} or not (k == at_tip or capsule.link in standing)
     ]
     if not watched:
         return
@@ -206,6 +219,12 @@ def _needle(model: ArmModel) -> int:
     ]
     best = int(np.argmin(gaps)) if gaps else -1
     return best if gaps and gaps[best] < AT_THE_TIP else -1
+
+
+def needle(model: ArmModel) -> Capsule | None:
+    """Return the capsule that ends at the nozzle's tip: it alone may come near the part. None: there is none."""
+    row = _needle(model)
+    return model.capsules[row] if row >= 0 else None
 
 
 @lru_cache(maxsize=16)

@@ -396,10 +396,15 @@ def _solve(jacobian: Floats, error: Floats, damping: float | Floats) -> Floats:
 
 def _chain(urdf: str, tip: str) -> tuple[Joint, ...]:
     """Read the joints from the base to ``tip``, in order."""
-    by_child = {_link(joint, "child"): joint for joint in ElementTree.fromstring(urdf).iter("joint")}
+    by_child: dict[str, ElementTree.Element] = {}
+    for joint in ElementTree.fromstring(urdf).findall("joint"):
+        if by_child.setdefault(_link(joint, "child"), joint) is not joint:
+            raise ValueError(f"link {_link(joint, 'child')!r} hangs on two joints: a chain has one before each link")
     joints: list[Joint] = []
     link = tip
     while link in by_child:
+        if len(joints) == len(by_child):
+            raise ValueError(f"the joints before {tip!r} go round in a circle: a chain has to begin somewhere")
         element = by_child[link]
         origin = element.find("origin")
         offset = _numbers(origin.get("xyz") if origin is not None else None)
@@ -433,4 +438,7 @@ def _link(joint: ElementTree.Element, end: str) -> str:
 
 
 def _numbers(text: str | None) -> Floats:
-    return np.array([float(value) for value in (text or "0 0 0").split()])
+    values = np.array([float(value) for value in (text or "0 0 0").split()])
+    if values.shape != (3,) or not np.isfinite(values).all():
+        raise ValueError(f"the description has {text!r} where three finite numbers have to be")
+    return values

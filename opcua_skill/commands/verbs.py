@@ -49,6 +49,7 @@ VERBS = {
     ),
     "skills": Verb("skills", "app", "Skills of the library: look, approve, deploy, exchange."),
     "recipes": Verb("recipes", "app", "Recipes: time step, speed, frame and heights of a run."),
+    "arms": Verb("arm_files", "app", "Arms of one's own: check their files, describe one, measure a tool."),
     "run": Verb("jobs", "run", "Queue a run of a skill on a workstation."),
     "jobs": Verb("jobs", "app", "Jobs: look, pause, resume, abort, read the trace."),
     "queue": Verb("queue", "app", "The queue of a workstation: look, release, hold."),

@@ -18,7 +18,7 @@ from opcua_skill.lane import Lane
 from opcua_skill.settings import Workstation
 from sim import arms
 from sim.arm import Arm, ArmError, ArmMode, ArmModel, ArmState
-from sim.checks import check_hull
+from sim.checks import check_confirmed, check_hull
 from sim.clearance import Box, Cell
 from sim.gate import START_TOLERANCE
 
@@ -170,12 +170,13 @@ def model_of(workstation: Workstation) -> ArmModel:
         workspace_low=workstation.workspace_low,
         workspace_high=workstation.workspace_high,
         home=workstation.home,
-        tip=tool.offset if tool else None,
+        tip=tool.offset if tool and (any(tool.offset) or any(tool.turn)) else None,
         tip_turn=tool.turn if tool else (0.0, 0.0, 0.0),
+        tool=tool.name if tool else "",
         collisions_checked=checked,
     )
     model = arms.changed(arms.load(workstation.arm), changes)
-    for finding in check_hull(model):
+    for finding in (*check_hull(model), *check_confirmed(model)):
         raise ValueError(finding.text)
     return model
 

@@ -13,15 +13,17 @@ from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 
-from sim.arm import ArmModel, Capsule, Limits, PathLimits, Tool
+from sim.arm import ArmModel, Capsule, Limits, PathLimits, SpareTool, Tool
 from sim.kinematics import kinematics
 
 NAMES = ("panda", "xarm6", "iiwa14")
 ROWS = ("position", "velocity", "acceleration", "jerk")
 TIP_LINK = "configured_tip"
+NOWHERE = (0.0, 0.0, 0.0)
 # What is put between the tip of the description and a configured one: as thick as a dispensing needle.
 NEEDLE = 2.5e-3
 
@@ -31,7 +33,8 @@ class Changes:
     """What a workstation has otherwise than its arm's files say; what is empty stays.
 
     ``tip`` and ``tip_turn`` are where the tool's tip is in the tip frame of the description: m, and roll, pitch, yaw
-    in rad. ``collisions_checked`` False says in as many words that nothing keeps the arm from touching things.
+    in rad. ``tool`` names one of the tools in the arm's limits file. ``collisions_checked`` False says in as many words
+    that nothing keeps the arm from touching things.
     """
 
     workspace_low: tuple[float, float, float] | None = None
@@ -39,6 +42,7 @@ class Changes:
     home: tuple[float, ...] | None = None
     tip: tuple[float, float, float] | None = None
     tip_turn: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    tool: str = ""
     collisions_checked: bool = True
 
 
@@ -62,11 +66,34 @@ def load(name: str = "panda") -> ArmModel:
         raise ValueError(
             f"there is no arm {name!r}: known are {', '.join(NAMES)}, or a folder with a URDF and a limits file"
         )
+    return read_files(stem)
+
+
+def read_files(stem: Path) -> ArmModel:
+    """Return the model of an arm from the files with the path ``stem`` and their endings, as they are now.
+
+    Raises ``ValueError`` naming what is wrong.
+    """
     try:
-        texts = [stem.with_name(f"{stem.name}.{kind}").read_text("utf-8") for kind in ("urdf", "toml")]
+        # What editors of Windows put before the first letter (a byte order mark) is no part of the text.
+        urdf, table = (stem.with_name(f"{stem.name}.{kind}").read_text("utf-8-sig") for kind in ("urdf", "toml"))
     except (OSError, UnicodeDecodeError) as unreadable:
-        raise ValueError(f"the files of arm {name!r} cannot be read: {unreadable}") from unreadable
-    return read_model(stem.name, *texts)
+        raise ValueError(f"the files of arm {str(stem)!r} cannot be read: {unreadable}") from unreadable
+    model = read_model(stem.name, urdf, table)
+    return replace(model, urdf=_with_meshes_found(model.urdf, stem.parent))
+
+
+def _with_meshes_found(urdf: str, folder: Path) -> str:
+    """Return a description whose meshes that lie beside it are named by their whole path."""
+    root = ElementTree.fromstring(urdf)
+    found = {mesh.get("filename", "") for mesh in root.iter("mesh")}
+    beside = {name: (folder / name).resolve() for name in found if name and (folder / name).is_file()}
+    if not beside:
+        return urdf
+    for mesh in root.iter("mesh"):
+        if place := beside.get(mesh.get("filename", "")):
+            mesh.set("filename", str(place))
+    return ElementTree.tostring(root, encoding="unicode")
 
 
 def _stem(place: Path) -> Path | None:
@@ -75,11 +102,16 @@ def _stem(place: Path) -> Path | None:
         place = place.with_suffix("")
     if place.with_name(f"{place.name}.urdf").is_file() and place.with_name(f"{place.name}.toml").is_file():
         return place
-    found = [one.with_suffix("") for one in sorted(place.glob("*.urdf")) if one.with_suffix(".toml").is_file()]
+    found = stems(place)
     if len(found) > 1:
         named = ", ".join(str(one) for one in found)
         raise ValueError(f"folder {str(place)!r} holds more than one arm: name one of {named}")
     return found[0] if found else None
+
+
+def stems(folder: Path) -> list[Path]:
+    """Return the paths without ending of every URDF in a folder that has a limits file of the same name."""
+    return [one.with_suffix("") for one in sorted(folder.glob("*.urdf")) if one.with_suffix(".toml").is_file()]
 
 
 def read_model(name: str, urdf: str, table: str) -> ArmModel:
@@ -90,12 +122,18 @@ def read_model(name: str, urdf: str, table: str) -> ArmModel:
     try:
         values: dict[str, Any] = tomllib.loads(table)
         model = _model(name, urdf, table, values)
+        _check(model, values)
+    except ElementTree.ParseError as wrong:
+        raise ValueError(f"the description of {name} is no XML: {wrong}") from wrong
     except KeyError as missing:
         raise ValueError(f"the limits file of {name} has no {missing.args[0]!r}") from missing
-    except (TypeError, tomllib.TOMLDecodeError) as wrong:
+    except (TypeError, AttributeError, IndexError, tomllib.TOMLDecodeError) as wrong:
         raise ValueError(f"the limits file of {name} cannot be read: {wrong}") from wrong
-    _check(model, values)
-    return model
+    main = values["tool"]
+    if "offset" not in main and "turn" not in main:
+        return model
+    turned = _with_tip(model, main.get("offset", NOWHERE), main.get("turn", NOWHERE))
+    return replace(turned, tool=replace(turned.tool, length=model.tool.length))
 
 
 def _model(name: str, urdf: str, table: str, values: dict[str, Any]) -> ArmModel:
@@ -126,8 +164,34 @@ def _model(name: str, urdf: str, table: str, values: dict[str, Any]) -> ArmModel
         ),
         apart=tuple((pair[0], pair[1]) for pair in hull.get("apart", [])),
         atomic_skills=tuple(values["atomic_skills"]),
+        tools=tuple(_spare(row, tool["tip"]) for row in values.get("tools", [])),
+        unconfirmed=tuple(values.get("to_confirm", [])),
         digest=hashlib.sha256(f"{urdf}\0{table}".encode()).hexdigest(),
     )
+
+
+def _spare(row: dict[str, Any], tip: str) -> SpareTool:
+    """Return one of the further tools of an arm from its row in the limits file."""
+    tip = row.get("tip", tip)
+    return SpareTool(
+        name=row["name"],
+        tip=tip,
+        offset=_three(row.get("offset", NOWHERE), "offset", row["name"]),
+        turn=_three(row.get("turn", NOWHERE), "turn", row["name"]),
+        mass=float(row["mass"]),
+        length=float(row["length"]),
+        capsules=tuple(
+            Capsule(tip, tuple(one["start"]), tuple(one["end"]), one["radius"]) for one in row.get("capsules", [])
+        ),
+        residual=float(row.get("residual", math.nan)),
+    )
+
+
+def _three(values: Sequence[float], what: str, tool: str) -> tuple[float, float, float]:
+    if len(values) != 3 or not all(math.isfinite(value) for value in values):
+        raise ValueError(f"the {what} of tool {tool!r} is {list(values)}: it has to be three finite numbers")
+    x, y, z = (float(value) for value in values)
+    return (x, y, z)
 
 
 def _check(model: ArmModel, values: dict[str, Any]) -> None:
@@ -199,23 +263,46 @@ def changed(model: ArmModel, changes: Changes) -> ArmModel:
                 f"{least:g} to {most:g}"
             )
     _check_box(found)
+    if changes.tool:
+        found = _with_tool(found, changes.tool)
     return found if changes.tip is None else _with_tip(found, changes.tip, changes.tip_turn)
+
+
+def _with_tool(model: ArmModel, name: str) -> ArmModel:
+    """Return an arm that carries another of its tools; what of the first one is beyond the new tip's link is off."""
+    chosen = next((tool for tool in model.tools if tool.name == name), None)
+    if chosen is None:
+        known = ", ".join(tool.name for tool in model.tools) or "none"
+        raise ValueError(f"{model.name} has no tool {name!r}: its limits file names {known}")
+    behind = {chosen.tip}
+    joints = kinematics(model).joints
+    if chosen.tip in {joint.parent for joint in joints}:
+        behind = {joint.parent for joint in joints[[joint.parent for joint in joints].index(chosen.tip) :]}
+        if any(joint.axis is not None and joint.parent in behind for joint in joints):
+            raise ValueError(f"tool {name!r} of {model.name} hangs on {chosen.tip!r}, before its last moving joint")
+    bare = replace(model, tool=Tool(chosen.tip, chosen.name, chosen.mass, chosen.length))
+    left = {joint.child for joint in joints} - {joint.child for joint in kinematics(bare).joints}
+    hull = (*(one for one in model.capsules if one.link not in left), *chosen.capsules)
+    apart = tuple(pair for pair in model.apart if left.isdisjoint(pair))
+    carried = _with_tip(replace(bare, capsules=hull, apart=apart), chosen.offset, chosen.turn)
+    return replace(carried, tool=replace(carried.tool, length=chosen.length))
 
 
 def _with_tip(model: ArmModel, tip: Sequence[float], turn: Sequence[float]) -> ArmModel:
     """Return an arm whose tool ends elsewhere than its description says: one fixed joint more."""
     place, angles = (" ".join(repr(float(one)) for one in row) for row in (tip, turn))
+    link = TIP_LINK if TIP_LINK not in model.urdf else f"{TIP_LINK}_{model.urdf.count(TIP_LINK)}"
     joint = (
-        f'<link name="{TIP_LINK}"/><joint name="to_{TIP_LINK}" type="fixed"><parent link="{model.tool.tip}"/>'
-        f'<child link="{TIP_LINK}"/><origin xyz="{place}" rpy="{angles}"/></joint>'
+        f'<link name="{link}"/><joint name="to_{link}" type="fixed"><parent link="{model.tool.tip}"/>'
+        f'<child link="{link}"/><origin xyz="{place}" rpy="{angles}"/></joint>'
     )
     end = model.urdf.rindex("</robot>")
     reach = float(np.linalg.norm(tip))
-    needle = Capsule(model.tool.tip, (0.0, 0.0, 0.0), (float(tip[0]), float(tip[1]), float(tip[2])), NEEDLE)
+    needle = Capsule(model.tool.tip, NOWHERE, _three(tip, "offset", model.tool.name), NEEDLE)
     hull = (*model.capsules, needle) if model.capsules and reach > 0.0 else model.capsules
     return replace(
         model,
         urdf=f"{model.urdf[:end]}{joint}{model.urdf[end:]}",
-        tool=replace(model.tool, tip=TIP_LINK, length=model.tool.length + float(tip[2])),
+        tool=replace(model.tool, tip=link, length=model.tool.length + float(tip[2])),
         capsules=hull,
     )
