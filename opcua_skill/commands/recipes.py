@@ -10,7 +10,7 @@ import typer
 from pydantic.alias_generators import to_snake
 
 from opcua_skill.client import Recipe, Skill, SkillClient
-from opcua_skill.commands.connection import DEFAULT_SERVER, Json, Output, Server, User, Version, with_client
+from opcua_skill.commands.connection import DEFAULT_SERVER, Json, On, Output, Server, User, Version, with_client
 from opcua_skill.commands.faults import Fault
 from opcua_skill.commands.fields import made_of
 from opcua_skill.commands.output import plain, print_json, say, show_table, table
@@ -121,6 +121,58 @@ def picture(
         print_json({"file": output})
     else:
         say(f"wrote {output}")
+
+
+class Spoken(StrEnum):
+    """The languages that programs are written in."""
+
+    URSCRIPT = "urscript"
+    KRL = "krl"
+    RAPID = "rapid"
+    LS = "ls"
+    GCODE = "gcode"
+
+
+@app.command()
+def program(
+    recipe_id: RecipeId,
+    language: Annotated[Spoken, typer.Option("--for", help="the controller's language")],
+    output: Output,
+    arm: Annotated[str, typer.Option(metavar="NAME", help="the arm that is to run it, or its folder")] = "panda",
+    config: Annotated[
+        Path | None, typer.Option(exists=True, dir_okay=False, help="take arm and cell from a workstation of this file")
+    ] = None,
+    on: On = "",
+    tolerance: Annotated[float, typer.Option(help="the most by which the path may be off, m")] = 5e-5,
+    turn_tolerance: Annotated[float, typer.Option(help="the most by which the tool may lean off, rad")] = 2e-3,
+    name: Annotated[str, typer.Option(metavar="NAME", help="the program's name on the controller")] = "skill",
+    valve: Annotated[int, typer.Option(min=0, max=4096, help="digital output of the valve")] = 1,
+    version: Version = 0,
+    server: Server = DEFAULT_SERVER,
+    user: User = "",
+    as_json: Json = False,
+) -> None:
+    """Write a recipe as a program for a closed controller; it is read back and compared with its plan first."""
+    from opcua_skill.commands.programming import place_of, programmed
+    from opcua_skill.programs.values import Options
+
+    async def work(client: SkillClient) -> tuple[Recipe, Skill]:
+        recipe = await client.recipe(recipe_id)
+        return recipe, await client.skill(recipe.skill_name, version or recipe.skill_version)
+
+    place = place_of(arm, config, on)
+    recipe, skill = with_client(server, user, work)
+    options = Options(tolerance, turn_tolerance, name, valve)
+    text, found, spoken = programmed(skill, recipe, place, language.value, options)
+    output.parent.mkdir(parents=True, exist_ok=True)
+    output.write_text(text, encoding="ascii")
+    if as_json:
+        print_json({"file": output, "language": spoken.name, "limits": spoken.limits, **plain(found)})
+    else:
+        say(
+            f"wrote {output}: {found.lines} lines, off the plan by up to {1e3 * found.path:.4f} mm, "
+            f"{1e3 * found.duration:.2f} ms longer or shorter, the valve {1e3 * found.switching:.2f} ms"
+        )
 
 
 @app.command()

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from random_orders import ROBOTS
 
 from library.readers.plain_csv import write
 from models.people import ZIGZAG_IN_SPACE, simulated_people
@@ -68,6 +69,19 @@ def test_the_whole_story_from_the_command_line(as_user: Run, files: list[str], t
     fine.write_text(f'recipe_id = "fine"\nskill_name = "plate"\ntime_step = 0.004\nframe = {default["frame"]}\n')
     as_user("engineer", "recipes", "put", str(fine))
     assert as_user("mes", "recipes", "show", "fine")["time_step"] == 0.004
+
+    (tmp_path / "cell.toml").write_text(
+        f'[[workstations]]\nname = "table"\narm = "{ROBOTS / "gantry"}"\ndriver = "kinematic"\n'
+    )
+    place = ("--config", str(tmp_path / "cell.toml"), "--on", "table", "-o", str(tmp_path / "fine.ngc"))
+    made = as_user("mes", "recipes", "program", "fine", "--for", "gcode", *place)
+    assert (made["path"] <= 5e-5, made["duration"] < 1e-6, made["switching"] < 1e-4) == (True, True, True)
+    written = (tmp_path / "fine.ngc").read_text()
+    assert f"(skill digest: {digest})" in written
+    assert "(approved by: engineer)" in written
+    refused = as_user("mes", "recipes", "program", "fine", "--for", "gcode", *place, "--version", "2", status=1)
+    assert "NotApproved" in refused
+    assert "AxesNotSpoken" in as_user("mes", "recipes", "program", "fine", "--for", "krl", *place, status=1)
 
     report = as_user("mes", "run", "plate", "--recipe", "fine", "--on", "ws1", "--mode", "production", "--follow")
     assert (report["state"], report["mode"]) == ("Completed", "production")

@@ -1,0 +1,1 @@
+"""Programs for controllers that run nothing else: written from a checked plan, read back and compared with it."""
