@@ -14,8 +14,9 @@ from sim.holding import quaternions
 from sim.kinematics import kinematics
 from sim.plan import MotionPlan
 
-# Moments looked at between two samples of the plan.
-BETWEEN = 2
+# Moments looked at: twice a sample of the plan at least, and so close together that an arm's nozzle, at two metres per
+# second squared, is on the chord between them to a micrometre.
+BETWEEN, CLOSE = 2, 2e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,7 +35,8 @@ class Followed:
     def moments(self) -> Floats:
         """Return the times (m,) at which a program is held against the plan: at the samples and between them."""
         times = self.plan.times
-        inner = [times[:-1] + k / BETWEEN * np.diff(times) for k in range(BETWEEN)]
+        count = max(BETWEEN, math.ceil(self.plan.order.time_step / CLOSE - 1e-9))
+        inner = [times[:-1] + k / count * np.diff(times) for k in range(count)]
         return np.append(np.stack(inner, axis=1).reshape(-1), times[-1])
 
     def at(self, times: Floats) -> tuple[Floats, Rotation]:
