@@ -9,6 +9,7 @@ UTF-8 or holds NUL, dimensions that do not fit their array, and nesting without 
 import functools
 import math
 import struct
+import threading
 from array import array
 from collections.abc import Callable
 from enum import Enum, IntFlag
@@ -22,7 +23,6 @@ from asyncua.ua import ua_binary, uaerrors
 from opcua_skill.stack.limits import Limits
 
 _limits = Limits()
-_depth = 0
 _UNCOUNTED = 2**62
 MANY = 4096
 NUMBERS = frozenset("hHiIqQdf")
@@ -39,7 +39,16 @@ _NUMPY = {
     "d": "f8",
     "f": "f4",
 }
-_elements_left = _UNCOUNTED
+
+
+class _Going(threading.local):
+    """How far one thread's decoding has come: elements it may still decode, structures it is inside of."""
+
+    elements_left = _UNCOUNTED
+    depth = 0
+
+
+_going = _Going()
 _INT32 = struct.Struct("<i")
 _NESTING = frozenset({ua.VariantType.Variant, ua.VariantType.ExtensionObject, ua.VariantType.DiagnosticInfo})
 MALFORMED = (
@@ -57,8 +66,7 @@ MALFORMED = (
 
 def decode(kind: Any, body: Buffer) -> Any:
     """Return a structure read from a message body; BadDecodingError or BadEncodingLimitsExceeded if it is not one."""
-    global _elements_left
-    _elements_left = _limits.elements_per_message
+    _going.elements_left = _limits.elements_per_message
     try:
         return ua_binary.struct_from_binary(kind, body)
     except uaerrors.BadEncodingLimitsExceeded:
@@ -68,7 +76,7 @@ def decode(kind: Any, body: Buffer) -> Any:
     except MALFORMED:
         raise uaerrors.BadDecodingError() from None
     finally:
-        _elements_left = _UNCOUNTED
+        _going.elements_left = _UNCOUNTED
 
 
 def _pack_array(self: Any, data: Any) -> bytes:
@@ -136,9 +144,8 @@ def _length(data: Any, largest: int) -> int:
 
 def _count(length: int) -> None:
     """Count elements that are decoded one by one: nested arrays, each within its limit, must not add up either."""
-    global _elements_left
-    _elements_left -= length
-    if _elements_left < 0:
+    _going.elements_left -= length
+    if _going.elements_left < 0:
         raise uaerrors.BadEncodingLimitsExceeded()
 
 
@@ -199,18 +206,17 @@ def _list_decoder(kind: Any) -> Callable[[Any], list[Any]]:
 
 
 def _variant(data: Any) -> ua.Variant:
-    global _depth
     encoding = ord(data.read(1))
     kind: Any = ua.uatypes.datatype_to_varianttype(encoding & 0b0011_1111)
     is_array = bool(encoding & 0b1000_0000)
     if kind in _NESTING:
-        _depth += 1
+        _going.depth += 1
         try:
-            if _depth > _limits.nesting:
+            if _going.depth > _limits.nesting:
                 raise uaerrors.BadEncodingLimitsExceeded()
             value = _value(kind, is_array, data)
         finally:
-            _depth -= 1
+            _going.depth -= 1
     else:
         value = _value(kind, is_array, data)
     dimensions = None
@@ -249,11 +255,10 @@ def _extension_object(data: Any) -> Any:
     structure = ua.extension_objects_by_typeid.get(type_id) if encoding == 1 else None
     if structure is None or body is None:
         return _raw(type_id, body)
-    global _depth
     content = Buffer(body)
-    _depth += 1
+    _going.depth += 1
     try:
-        if _depth > _limits.nesting:
+        if _going.depth > _limits.nesting:
             raise uaerrors.BadEncodingLimitsExceeded()
         value = ua_binary.from_binary(structure, content)
     except uaerrors.BadEncodingLimitsExceeded:
@@ -261,7 +266,7 @@ def _extension_object(data: Any) -> Any:
     except MALFORMED:
         return _raw(type_id, body)
     finally:
-        _depth -= 1
+        _going.depth -= 1
     return _raw(type_id, body) if len(content) else value
 
 

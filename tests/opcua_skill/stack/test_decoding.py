@@ -3,6 +3,7 @@
 import math
 import struct
 import uuid
+from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime
 
 import pytest
@@ -141,3 +142,12 @@ def test_a_structure_with_a_foreign_body_stays_raw_so_that_the_argument_can_be_n
 
 def test_what_decoding_raises_is_known():
     assert issubclass(uaerrors.BadDecodingError, MALFORMED)
+
+
+def test_what_one_thread_decodes_is_not_counted_against_another():
+    few = Limits(elements_per_message=2000)
+    install(few)
+    body = struct_to_binary(ua.ReadParameters(NodesToRead=[ua.ReadValueId() for _ in range(1500)]))
+    with ThreadPoolExecutor(4) as threads:
+        for read in [threads.submit(decode, ua.ReadParameters, Buffer(body)) for _ in range(12)]:
+            assert len(read.result().NodesToRead) == 1500
