@@ -183,13 +183,23 @@ class SkillLibrary:
     # The life of a version
 
     async def approve(
-        self, name: str, version: int, digest: bytes, actor: str, comment: str = "", *, four_eyes: bool = True
+        self,
+        name: str,
+        version: int,
+        digest: bytes,
+        actor: str,
+        comment: str = "",
+        *,
+        four_eyes: bool = True,
+        with_reason: bool = False,
     ) -> VersionState:
         """Approve the version whose model has this SHA-256, and return its state now.
 
         With four eyes nobody may who contributed to it, and a version of unknown origin needs two who do.
+        ``with_reason``: an empty comment is refused.
         """
-        return await self._decide(name, version, VersionState.APPROVED, actor, comment, digest, four_eyes)
+        to = VersionState.APPROVED
+        return await self._decide(name, version, to, actor, comment, digest, four_eyes, with_reason)
 
     async def reject(self, name: str, version: int, digest: bytes, actor: str, comment: str = "") -> VersionState:
         """Reject the version whose model has this SHA-256."""
@@ -208,11 +218,14 @@ class SkillLibrary:
         comment: str,
         digest: bytes | None = None,
         four_eyes: bool = False,
+        with_reason: bool = False,
     ) -> VersionState:
         check_text(comment, "comment")
         name = normal(name)
         return await self._database.write(
-            lambda connection: version_rows.decide(connection, name, version, to, actor, comment, digest, four_eyes)
+            lambda connection: version_rows.decide(
+                connection, name, version, to, actor, comment, digest, four_eyes, with_reason
+            )
         )
 
     async def deploy(self, name: str, version: int, workstation: str, actor: str) -> VersionState:

@@ -15,7 +15,7 @@ from library.errors import LibraryUnusable
 from library.lifecycle import FINAL_JOB_STATES
 from library.records import JobTrace
 from library.store import SkillLibrary
-from opcua_skill.run import CAUSES, NotAnyMore, Run, StoppedBefore
+from opcua_skill.run import NotAnyMore, Run, StoppedBefore
 from sim.arm import Arm, ArmError, ArmFault, ArmMode, Stopped, Trace
 
 WRITE_AGAIN = 0.1
@@ -28,7 +28,10 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class End:
-    """How a job ended; the arm is at rest. ``by_arm``: the arm's own side ended it."""
+    """How a job ended; the arm is at rest. ``by_arm``: the arm's own side ended it.
+
+    ``seen_only``: the trace is what the server saw, not the arm's own: too coarse to say how well it was followed.
+    """
 
     state: JobState
     failure: Failure
@@ -36,11 +39,12 @@ class End:
     trace: Trace | None = None
     cause: Cause = Cause.NONE
     by_arm: bool = False
+    seen_only: bool = False
 
 
 def how_it_ended(run: Run, ended: Exception, *, lost: bool) -> End:
     """Return how a run ended that did not end by itself: who stopped it, or what the arm's fault was."""
-    asked = CAUSES.get(run.stop_failure, Cause.ABORTED)
+    asked = run.stop_cause
     match ended:
         case StoppedBefore():
             return End(JobState.ABORTED, run.stop_failure, run.stop_because, cause=asked)
@@ -131,7 +135,7 @@ class Endings:
         if end.state is JobState.ABORTED and report.state in {JobState.RUNNING, JobState.PAUSED}:
             await self._tell(await self._library.move_job(job_id, JobState.STOPPING))
         fields = {"end_time": datetime.now(UTC), "cause": end.cause, **more}
-        if end.trace is not None:
+        if end.trace is not None and not end.seen_only:
             fields["tracking_error"] = end.trace.tracking_error()
         lost = "" if trace_stored else "its trace could not be stored"
         report = await self._library.move_job(

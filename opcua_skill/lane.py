@@ -8,6 +8,7 @@ import asyncio
 import logging
 from collections import OrderedDict
 from collections.abc import Awaitable, Callable
+from dataclasses import replace
 from datetime import UTC, datetime
 
 from library.description import Cause, Failure, JobReport, JobState
@@ -15,14 +16,14 @@ from library.errors import LibraryError, NotAllowedInState
 from library.store import SkillLibrary
 from opcua_skill.arm_queue import PATIENCE, ArmQueue
 from opcua_skill.endings import End, Endings, how_it_ended, in_background, is_lost
-from opcua_skill.run import CAUSES, NotAnyMore, Order, Run, StoppedBefore, place_at
-from opcua_skill.steering import ARM_SIDE, Steering
+from opcua_skill.run import NotAnyMore, Order, Run, StoppedBefore, place_at
+from opcua_skill.steering import ARM_SIDE, SERVER_SIDE, Steering
+from opcua_skill.way_home import WayHome
 from sim.arm import Arm, ArmError, Progress, Stopped, Trace
 from sim.plan import MotionPlan
 
 TELL_EVERY = 0.5
 LOOK_EVERY, LOOK_EVERY_AT_REST = 0.02, 0.1
-SERVER_SIDE = "server"
 
 _log = logging.getLogger(__name__)
 
@@ -62,13 +63,14 @@ class Lane:
         self._reserved = 0
         self._changed = asyncio.Event()
         self._running: Run | None = None
-        self._homing: asyncio.Task[None] | None = None
         self._tasks: list[asyncio.Task[None]] = []
         self._finishing: asyncio.Task[None] | None = None
         self._closing = asyncio.Event()
         self._moves = asyncio.Lock()
         self._ends = Endings(library, tell, self._moves, self._closing)
         self._steering = Steering(library, tell, self._moves, queue)
+        self._home = WayHome(name, arm_of, self.hold, self._changed.set)
+        self.stops = 0
         if queue is not None:
             queue.on_change = self._changed.set
 
@@ -82,7 +84,7 @@ class Lane:
         """What is under way on the arm, in words; empty: nothing."""
         if self._running is not None:
             return f"busy with job {self._running.order.job_id}"
-        return "on its way home" if self._homing is not None else ""
+        return "on its way home" if self._home.under_way else ""
 
     def holds(self, job_id: str) -> bool:
         """Whether the job waits or runs here."""
@@ -123,7 +125,7 @@ class Lane:
         if not self._tasks:
             return
         self._closing.set()
-        under_way = [*self._tasks, *(one for one in (self._homing, self._steering.noting) if one)]
+        under_way = [*self._tasks, *(one for one in (self._home.task, self._steering.noting) if one)]
         for task in under_way:
             task.cancel()
         await asyncio.gather(*under_way, return_exceptions=True)
@@ -162,7 +164,7 @@ class Lane:
 
     def _may_begin(self) -> bool:
         """Return whether the first job that waits may begin; an arm that is not ready at home holds the queue."""
-        if not self._orders or self._homing is not None:
+        if not self._orders or self._home.under_way:
             return False
         if self._queue is None:
             return True
@@ -191,6 +193,8 @@ class Lane:
             raise
         finally:
             if self._running is run:
+                if end.trace is None and run.order.plan is not None:
+                    end = replace(end, trace=run.seen.trace(run.order.plan), seen_only=True)
                 if end.cause is not Cause.NONE:
                     self.hold(end.cause, ARM_SIDE if end.by_arm else SERVER_SIDE)
                 self._finishing = asyncio.create_task(self._finish(run, end), name=f"end of {run.order.job_id}")
@@ -266,6 +270,7 @@ class Lane:
     def _on_progress(self, run: Run, progress: Progress) -> None:
         run.progress = min(1.0, max(0.0, progress.fraction))
         run.path_time = progress.time
+        run.seen.note(progress.time, run.arm.state())
         now = asyncio.get_running_loop().time()
         if now - run.told_at >= TELL_EVERY:
             run.told_at = now
@@ -299,7 +304,7 @@ class Lane:
         run = self._running
         if run is not None:
             self._steering.follow(run)
-        elif self._homing is None:
+        elif not self._home.under_way:
             trouble = self._trouble()
             if trouble is not Cause.NONE and self._queue is not None:
                 self._queue.hold(trouble, ARM_SIDE)
@@ -319,15 +324,15 @@ class Lane:
             raise NotAllowedInState(f"job {job_id}", state.value, f"it has to be {wanted.value.lower()}")
         return run
 
-    async def abort(self, job_id: str, because: str, by: str = "", failure: Failure = Failure.ABORTED) -> JobState:
+    async def abort(self, job_id: str, because: str, by: str = "") -> JobState:
         """Take a job out of the queue, or stop its motion and hold the queue; return what becomes of it.
 
         What an arm runs is stopped whatever the database does or says: it is Stopping until the arm is at rest.
         """
         run = self._run_of(job_id)
         if run is not None and not run.over.is_set():
-            return await self._abort_running(run, because, by, failure)
-        end = End(JobState.ABORTED, failure, because)
+            return await self._abort_running(run, because, by, Cause.ABORTED)
+        end = End(JobState.ABORTED, Failure.ABORTED, because)
         if self._orders.pop(job_id, None) is not None:
             self._count()
             writing = in_background(self._ends.write(job_id, end, lambda: 0.0, {"cause": Cause.ABORTED}))
@@ -337,22 +342,33 @@ class Lane:
             report = await self._library.job(job_id)
             if report.state is not JobState.QUEUED or run is not None:
                 raise NotAllowedInState(f"job {job_id}", report.state.value, "it has to be running or paused")
-            fields = {"failure": failure, "cause": Cause.ABORTED, "end_time": datetime.now(UTC)}
+            fields = {"failure": Failure.ABORTED, "cause": Cause.ABORTED, "end_time": datetime.now(UTC)}
             report = await self._library.move_job(job_id, JobState.ABORTED, message=because[:4000], **fields)
             await self._tell(report)
         return JobState.ABORTED
 
-    async def _abort_running(self, run: Run, because: str, by: str, failure: Failure) -> JobState:
-        run.stop(because, failure)
-        self.hold(CAUSES.get(failure, Cause.ABORTED), by)
+    async def stop_motion(self, because: str, by: str = "") -> None:
+        """Bring whatever moves the arm to rest on its path and hold the queue; no reset is needed afterwards."""
+        self.stops += 1
+        self.hold(Cause.STOPPED, by)
+        run = self._running
+        if run is not None and not run.over.is_set():
+            await self._abort_running(run, because, by, Cause.STOPPED)
+        else:
+            await self._home.stop(because)
+
+    async def _abort_running(self, run: Run, because: str, by: str, cause: Cause) -> JobState:
+        run.stop(because, cause)
+        self.hold(cause, by)
         await asyncio.wait({self._steering.stop(run)}, timeout=PATIENCE)
         return JobState.STOPPING
 
     async def protective_stop(self, because: str, by: str = "") -> None:
         """Stop the arm at once, hold the queue, and refuse every motion until a reset."""
         run, arm = self._running, self._arm_of()
+        self.stops += 1
         if run is not None:
-            run.stop(because, Failure.PROTECTIVE_STOP)
+            run.stop(because, Cause.PROTECTIVE_STOP)
         self.hold(Cause.PROTECTIVE_STOP, by)
         stopping = asyncio.create_task(arm.protective_stop(because), name=f"protective stop on {self._name}")
         if run is not None and not run.over.is_set():
@@ -367,25 +383,4 @@ class Lane:
     def go_home(self, plan: MotionPlan) -> None:
         """Begin the way to where every run starts; jobs wait meanwhile."""
         self.check_at_rest(f"the arm of lane {self._name}")
-        self._homing = asyncio.create_task(self._go_home(plan), name=f"{self._name} goes home")
-
-    async def _go_home(self, plan: MotionPlan) -> None:
-        arm = self._arm_of()
-        try:
-            await arm.run(plan, lambda _: None)
-            _log.info("lane %s: the arm is home", self._name)
-        except Stopped as stopped:
-            self.hold(Cause.UNASKED_STOP, ARM_SIDE)
-            _log.warning("lane %s: the arm did not come home: %s", self._name, stopped)
-        except ArmError as fault:
-            protective = arm.state().protective_stop
-            self.hold(
-                Cause.ARM_LOST if is_lost(arm) else Cause.PROTECTIVE_STOP if protective else Cause.FAILED, ARM_SIDE
-            )
-            _log.warning("lane %s: the arm did not come home: %s", self._name, fault.text)
-        except Exception:
-            self.hold(Cause.FAILED, SERVER_SIDE)
-            _log.exception("lane %s: the arm did not come home", self._name)
-        finally:
-            self._homing = None
-            self._changed.set()
+        self._home.begin(plan)

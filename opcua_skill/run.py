@@ -8,10 +8,9 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 
 from library.description import Cause, Failure, JobState
+from opcua_skill.own_record import OwnRecord
 from sim.arm import Arm, Floats
 from sim.plan import MotionPlan
-
-CAUSES = {Failure.PROTECTIVE_STOP: Cause.PROTECTIVE_STOP, Failure.ABORTED: Cause.ABORTED}
 
 
 @dataclass(frozen=True)
@@ -46,13 +45,14 @@ class Run:
     arm: Arm
     state: JobState = JobState.QUEUED
     stop_because: str = ""
-    stop_failure: Failure = Failure.ABORTED
+    stop_cause: Cause = Cause.ABORTED
     pause_wanted: bool = False
     progress: float = 0.0
     path_time: float = 0.0
     told_at: float = 0.0
     paused_from: tuple[datetime, ...] = ()
     paused_until: tuple[datetime, ...] = ()
+    seen: OwnRecord = field(default_factory=OwnRecord)
     over: asyncio.Event = field(default_factory=asyncio.Event)
     _began: datetime = field(default_factory=lambda: datetime.now(UTC))
     _clock: float = field(default_factory=time.monotonic)
@@ -61,10 +61,15 @@ class Run:
         """Return the time now, counted from the run's start: the clock on the wall may be set meanwhile."""
         return self._began + timedelta(seconds=time.monotonic() - self._clock)
 
-    def stop(self, because: str, failure: Failure) -> None:
+    @property
+    def stop_failure(self) -> Failure:
+        """The word of the job's report for what was asked for."""
+        return Failure.PROTECTIVE_STOP if self.stop_cause is Cause.PROTECTIVE_STOP else Failure.ABORTED
+
+    def stop(self, because: str, cause: Cause) -> None:
         """Note who wants the job to end, and why; the first reason counts, but a protective stop is said."""
-        if not self.stop_because or failure is Failure.PROTECTIVE_STOP:
-            self.stop_because, self.stop_failure = because, failure
+        if not self.stop_because or cause is Cause.PROTECTIVE_STOP:
+            self.stop_because, self.stop_cause = because, cause
 
     def check_wanted(self) -> None:
         """Raise StoppedBefore if the job was stopped while the arm stood still and there was nothing to stop."""

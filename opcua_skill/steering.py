@@ -16,7 +16,7 @@ from opcua_skill.run import Run
 from sim.arm import ArmError, ArmMode
 
 STOP_AGAIN = 0.05
-ARM_SIDE = "arm"
+ARM_SIDE, SERVER_SIDE = "arm", "server"
 UNDER_WAY = frozenset({JobState.RUNNING, JobState.PAUSED})
 
 _log = logging.getLogger(__name__)

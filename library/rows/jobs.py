@@ -124,7 +124,7 @@ def newest(connection: sql.Connection, state: str, workstation: str, limit: int)
         query = query.where(jobs.c.state == state)
     if workstation:
         query = query.where(jobs.c.workstation == workstation)
-    return [_report(row) for row in connection.execute(query)]
+    return [_report_or_damage(row) for row in connection.execute(query)]
 
 
 def interrupt_unfinished(connection: sql.Connection) -> list[JobReport]:
@@ -210,6 +210,23 @@ def trace_row(connection: sql.Connection, job_id: str) -> sql.Row[Any]:
     if row is None:
         raise NotFound("trace", job_id)
     return row
+
+
+def _report_or_damage(row: Any) -> JobReport:
+    """Return a job, or for one that cannot be read what its row still says: it must not keep the others from coming."""
+    try:
+        return _report(row)
+    except Damaged as damage:
+        return JobReport(
+            job_id=row.job_id,
+            kind="Execution" if row.workstation else "Learning",
+            workstation=row.workstation,
+            skill_name=row.skill_name,
+            recipe_id=row.recipe_id,
+            state=JobState(row.state) if row.state in set(JobState) else JobState.FAILED,
+            failure=Failure.INTERNAL,
+            message=str(damage),
+        )
 
 
 def _report(row: Any) -> JobReport:

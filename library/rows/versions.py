@@ -7,7 +7,7 @@ from typing import Any
 import sqlalchemy as sql
 
 from library.description import Decision, SkillDescription
-from library.errors import DigestDiffers, InUse, NotAllowedInState, NotFound, OwnVersion
+from library.errors import DigestDiffers, InUse, InvalidValue, NotAllowedInState, NotFound, OwnVersion
 from library.lifecycle import VersionState, check_version_move
 from library.names import same_user
 from library.rows import contributors
@@ -116,11 +116,12 @@ def decide(
     comment: str,
     digest: bytes | None = None,
     four_eyes: bool = False,
+    with_reason: bool = False,
 ) -> VersionState:
     """Move a version to state ``to``, note who did, and return the state it is in now.
 
-    ``digest``, if given, has to be that of the stored model. A version that needs two approvals stays what it is after
-    the first.
+    ``digest``, if given, has to be that of the stored model; ``with_reason``: the comment must not
+    be empty. A version that needs two approvals stays what it is after the first.
     """
     version = number(connection, name, version)
     row = connection.execute(
@@ -140,6 +141,8 @@ def decide(
             outcome = VersionState(row.state)
     if to is VersionState.RETIRED:
         _refuse_deployed(connection, name, version)
+    if with_reason and not comment.strip():
+        raise InvalidValue("comment", comment, "write a reason, it is kept with the decision")
     connection.execute(
         versions.update()
         .where(versions.c.skill_name == name, versions.c.version == version)

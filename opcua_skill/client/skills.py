@@ -239,8 +239,10 @@ class SkillClient:
         )
         return job_id, state, int(new)
 
-    async def approve(self, skill_name: str, version: int, model_digest: bytes, comment: str = "") -> str:
-        """Approve exactly the model with this digest; return the version's state."""
+    async def approve(
+        self, skill_name: str, version: int, model_digest: bytes, comment: str = "by a program that gave no reason"
+    ) -> str:
+        """Approve exactly the model with this digest; return the version's state. An empty reason is refused."""
         return await self._judge("Approve", skill_name, version, model_digest, comment)
 
     async def reject(self, skill_name: str, version: int, model_digest: bytes, comment: str = "") -> str:

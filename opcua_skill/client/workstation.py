@@ -191,6 +191,10 @@ class Workstation:
         """Move the arm slowly to where every run starts, after a stop on the path; returns when it begins to move."""
         await self.session.call(f"{self.path}/Arm", "GoHome", Comment=wire.string(comment))
 
+    async def stop_motion(self, comment: str = "") -> None:
+        """Bring whatever moves the arm to rest on its path and hold the queue; no reset is needed afterwards."""
+        await self.session.call(f"{self.path}/Arm", "StopMotion", Comment=wire.string(comment))
+
     async def set_speed_override(self, fraction: float) -> None:
         """Slow the arm down, or let it go faster again: a fraction of the planned speed, above 0, up to 1."""
         await self.session.write(f"{self.path}/Arm/SpeedOverride", wire.double(fraction))

@@ -215,7 +215,7 @@ def approve(
     skill: SkillName,
     version: Version = 0,
     digest: Digest = "",
-    comment: Comment = "",
+    comment: Comment = "at the command line, no reason given",
     server: Server = DEFAULT_SERVER,
     user: User = "",
     as_json: Json = False,

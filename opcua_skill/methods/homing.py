@@ -1,4 +1,4 @@
-"""Going to the start: after a stop on the path the arm goes home slowly, if a person asks for it and not otherwise."""
+"""Going to the start, slowly and only if a person asks for it, and stopping whatever moves the arm."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -16,7 +16,7 @@ from sim.arm import ArmMode
 
 @dataclass(frozen=True)
 class HomingMethods:
-    """The handler of one arm's GoHome. A stop of any kind stops this motion too: it stops the arm."""
+    """The handlers of one arm's GoHome and StopMotion. A stop of any kind stops the way home too, and one asked for."""
 
     jobs: JobEngine
     station: Station
@@ -28,11 +28,22 @@ class HomingMethods:
         check_text(comment, "comment", 2000)
         self.lock.check(caller().session_id)
         self._check_idle()
+        stops = self.station.lane.stops
         planned = await self.jobs.plan_home(self.station)
         if isinstance(planned, PlanRefused):
             raise Refused(Code.BadOutOfRange, planned.findings[0].text)
         self._check_idle()
+        if self.station.lane.stops != stops:
+            why = "look first, then ask again"
+            raise NotAllowedInState(f"the arm of {self.station.name}", "stopped meanwhile", why)
         self.station.lane.go_home(planned)
+        return ()
+
+    @refusing(blame="Comment")
+    async def stop_motion(self, comment: str) -> tuple[Any, ...]:
+        """Bring whatever moves the arm to rest on its path, and hold the queue; a job is Aborted, cause Stopped."""
+        check_text(comment, "comment", 2000)
+        await self.station.lane.stop_motion(comment or f"{caller().name} stopped the motion", caller().name)
         return ()
 
     def _check_idle(self) -> None:

@@ -207,7 +207,9 @@ class LibraryMethods:
         """Approve a version, named by the digest of the model that was looked at."""
         check_text(comment, "comment", 2000)
         actor, four_eyes = caller().name, self.settings.four_eyes
-        state = await self.library.approve(skill_name, version, bytes(digest), actor, comment, four_eyes=four_eyes)
+        state = await self.library.approve(
+            skill_name, version, bytes(digest), actor, comment, four_eyes=four_eyes, with_reason=True
+        )
         await self._version_changed(skill_name, version, comment)
         return (state.value,)
 

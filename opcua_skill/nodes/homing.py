@@ -1,4 +1,4 @@
-"""`Machines/<Workstation>/Arm/GoHome`."""
+"""`Machines/<Workstation>/Arm/GoHome` and `StopMotion`."""
 
 from opcua_skill.methods.homing import HomingMethods
 from opcua_skill.nodes.library import COMMENT, OPERATORS, method
@@ -7,7 +7,10 @@ from opcua_skill.stack.calls import add_method
 
 
 async def add_homing(tree: Tree, workstation: str, methods: HomingMethods) -> None:
-    """Add the method to the arm of a workstation."""
+    """Add the methods to the arm of a workstation."""
     arm = f"Machines/{workstation}/Arm"
-    spec = method("GoHome", methods.go_home, OPERATORS, (COMMENT,), ())
-    await add_method(tree.server, tree.id(arm), spec, tree.id(f"{arm}/{spec.name}"), tree.name(spec.name))
+    for spec in (
+        method("GoHome", methods.go_home, OPERATORS, (COMMENT,), ()),
+        method("StopMotion", methods.stop_motion, OPERATORS, (COMMENT,), (), urgent=True),
+    ):
+        await add_method(tree.server, tree.id(arm), spec, tree.id(f"{arm}/{spec.name}"), tree.name(spec.name))

@@ -5,9 +5,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+import sqlalchemy as sql
 
 from library.description import JobReport, JobState
-from library.errors import AlreadyExists, InUse, InvalidValue, NotAllowedInState, NotFound
+from library.errors import AlreadyExists, Damaged, InUse, InvalidValue, NotAllowedInState, NotFound
 from library.lifecycle import FINAL_JOB_STATES, NEXT_JOB_STATES
 from library.recipe import Recipe
 from library.records import Failure, JobTrace
@@ -42,6 +43,22 @@ async def test_the_library_moves_jobs_exactly_along_the_table(library: SkillLibr
         with pytest.raises(NotAllowedInState):
             await library.move_job(job_id, to, message="should not be there")
         assert await library.job(job_id) == before
+
+
+async def test_a_job_that_cannot_be_read_does_not_keep_the_others_from_coming(library: SkillLibrary) -> None:
+    for name in ("j1", "j2", "j3"):
+        await job_in(library, JobState.COMPLETED, name)
+    spoil = sql.text("UPDATE jobs SET report = '[]', state = 'Wrong' WHERE job_id = 'j2'")
+    await library._database.write(lambda connection: connection.execute(spoil).close())
+    found = await library.jobs(workstation="ws1")
+    assert [(one.job_id, one.state, one.failure) for one in found] == [
+        ("j3", JobState.COMPLETED, Failure.NONE),
+        ("j2", JobState.FAILED, Failure.INTERNAL),
+        ("j1", JobState.COMPLETED, Failure.NONE),
+    ]
+    assert "job j2" in found[1].message
+    with pytest.raises(Damaged, match="job j2"):
+        await library.job("j2")
 
 
 async def test_a_job_keeps_what_it_is_told_on_the_way(library: SkillLibrary) -> None:

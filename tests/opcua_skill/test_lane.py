@@ -9,8 +9,9 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any, cast
 
+import numpy as np
 import pytest
-from scripted_arm import ScriptedArm, trace
+from scripted_arm import STILL, ScriptedArm, trace
 
 from library.description import Cause, Failure, JobReport, JobState
 from library.errors import LibraryUnusable, NotAllowedInState
@@ -20,7 +21,7 @@ from opcua_skill.endings import is_lost
 from opcua_skill.lane import Lane
 from opcua_skill.run import NotAnyMore, Order
 from sim.arm import ArmFault, ArmMode, StartRefused, Trace
-from sim.plan import MotionPlan
+from sim.plan import MotionPlan, plan_home
 
 LIMIT = 10.0
 NO_PLAN = cast(MotionPlan, None)
@@ -87,10 +88,10 @@ class Bench:
     async def tell(self, report: JobReport) -> None:
         self.told.append((report.state, (await self.library.job(report.job_id)).state))
 
-    async def ask(self, job_id: str) -> None:
+    async def ask(self, job_id: str, plan: MotionPlan = NO_PLAN) -> None:
         await self.library.add_job(JobReport(job_id=job_id, kind="Execution", workstation="ws1", mode="production"))
         self.lane.reserve()
-        self.lane.put(Order(job_id, NO_PLAN))
+        self.lane.put(Order(job_id, plan))
 
     async def state(self, job_id: str, *wanted: JobState) -> JobReport:
         async with asyncio.timeout(LIMIT):
@@ -233,6 +234,56 @@ async def test_a_fault_names_itself_and_the_next_job_waits_for_a_release(bench: 
     await bench.release()
     await bench.state("two", JobState.COMPLETED)
     assert bench.arm.runs == 2
+
+
+async def test_of_an_arm_that_is_lost_with_its_trace_what_the_server_saw_is_kept(bench: Bench) -> None:
+    home = bench.arm.model.home
+    plan = plan_home(bench.arm.model, (home[0] + 0.1, *home[1:]))
+    bench.arm.fault = ArmFault("Interrupted", "no answer from the controller")
+    await bench.ask("one", plan)
+    await bench.state("one", JobState.RUNNING)
+    bench.arm.finish.set()
+    report = await bench.state("one", JobState.FAILED)
+    seen = await bench.library.trace("one")
+    assert seen.measured == pytest.approx(np.array([[*STILL.tool_pose[:3], *STILL.joints]]))
+    there = [np.interp(1.0, plan.times, column) for column in plan.joints.T]
+    assert seen.commanded[0, 3:] == pytest.approx(np.array(there))
+    assert report.tracking_error == (0.0, 0.0), "states that were told now and then do not say how well it followed"
+    async with asyncio.timeout(LIMIT):
+        while "one" not in bench.kept:
+            await asyncio.sleep(0.01)
+    assert bench.kept["one"].source.startswith("as the server saw it")
+
+
+async def test_a_stopped_motion_needs_no_reset_and_says_that_it_was_stopped(bench: Bench) -> None:
+    await bench.ask("one")
+    await bench.ask("two")
+    await bench.state("one", JobState.RUNNING)
+    await asyncio.wait_for(bench.arm.running.wait(), LIMIT)
+    await bench.lane.stop_motion("somebody walks in", "olga")
+    report = await bench.state("one", JobState.ABORTED)
+    assert (report.failure, report.cause, report.message) == (Failure.ABORTED, Cause.STOPPED, "somebody walks in")
+    assert (bench.queue.status.because, bench.queue.status.by) == (Cause.STOPPED, "olga")
+    assert not bench.arm.state().protective_stop
+    await bench.release()
+    await bench.state("two", JobState.RUNNING)
+
+
+@pytest.mark.parametrize("begun", [True, False])
+async def test_the_way_home_is_stopped_too_even_in_the_moment_it_begins(bench: Bench, begun: bool) -> None:
+    home = bench.arm.model.home
+    bench.arm.begins.clear()
+    bench.lane.go_home(plan_home(bench.arm.model, (home[0] + 0.1, *home[1:])))
+    await asyncio.wait_for(bench.arm.asked.wait(), LIMIT)
+    if begun:
+        bench.arm.begins.set()
+        await asyncio.wait_for(bench.arm.running.wait(), LIMIT)
+    stopping = asyncio.create_task(bench.lane.stop_motion("somebody walks in", "olga"))
+    await asyncio.sleep(0)
+    bench.arm.begins.set()
+    await asyncio.wait_for(stopping, LIMIT)
+    assert not bench.lane.busy_with
+    assert (bench.queue.status.because, bench.queue.status.by) == (Cause.STOPPED, "olga")
 
 
 async def test_a_refused_start_fails_the_job_by_name(bench: Bench) -> None:

@@ -330,10 +330,11 @@ class Day(RuleBasedStateMachine):
         job_id = self.a_job(pick)
         self.launch("abort", lambda: self.shift.work.abort_job(job_id, ""), soon, job_id, urgent=True)
 
-    @rule(soon=SOON, busy=st.booleans())
-    def stop_motion(self, soon: int | None, busy: bool = False) -> None:
+    @rule(soon=SOON, busy=st.booleans(), gently=st.booleans())
+    def stop_motion(self, soon: int | None, busy: bool = False, gently: bool = False) -> None:
         self.under_way(busy)
-        self.launch("stop", lambda: self.shift.work.protective_stop(""), soon, urgent=True)
+        stop = self.shift.homing.stop_motion if gently else self.shift.work.protective_stop
+        self.launch("stop", lambda: stop(""), soon, urgent=True)
 
     @rule(soon=SOON)
     def reset(self, soon: int | None) -> None:

@@ -29,7 +29,7 @@ FIRST_ROLE = {
         SkillLibrary: GetRecipe ListRecipes
         Machines/ws1: ExecuteSkill CheckRun PauseJob ResumeJob AbortJob
         Machines/ws1/Queue: HoldQueue ReleaseQueue
-        Machines/ws1/Arm: ProtectiveStop Reset GoHome
+        Machines/ws1/Arm: ProtectiveStop StopMotion Reset GoHome
         Machines/ws1/Arm/Lock: InitLock RenewLock ExitLock""",
     "teacher": """
         SkillLibrary: LearnFromDemonstration RemovePoints LearnAgain ImportSkill

@@ -291,6 +291,7 @@ UNKNOWN = [
 STATES = [
     row("approved already", "engineer", APPROVE, lambda s, w: judging("plate", 1, w.digest), STATE),
     row("approved already", "engineer", REJECT, lambda s, w: judging("plate", 1, w.digest), STATE),
+    row("no reason", "engineer", APPROVE, lambda s, w: judging("own", 1, w.own_digest), INVALID, "Comment", RANGE),
     row("another digest", "engineer", APPROVE, lambda s, w: judging("plate", 2, w.digest), STATE),
     row("no digest", "engineer", APPROVE, lambda s, w: judging("plate", 2, b""), STATE),
     row("not approved", "engineer", DEPLOY, lambda s, w: placing("plate", 2, "ws1"), STATE),

@@ -109,9 +109,9 @@ class Judging:
 
     @property
     def _own(self) -> bool:
-        """Whether this person taught the version, at a server where four eyes are asked for."""
-        taught = (self.skill.document.get("provenance") or {}).get("taughtBy")
-        return self.session.four_eyes and taught == self.session.user
+        """Whether this person had a hand in the version or its ancestry, at a server where four eyes are asked for."""
+        hands = {one.casefold() for one in self.skill.document.get("contributors") or ()}
+        return self.session.four_eyes and self.session.user.casefold() in hands
 
     def _why_not_judge(self, reason: str) -> str:
         words, session = self.words, self.session
