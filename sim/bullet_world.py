@@ -46,16 +46,17 @@ class BulletWorld:
         self.client = pybullet.connect(pybullet.DIRECT)
         pybullet.setGravity(0.0, 0.0, -9.81, physicsClientId=self.client)
         self.body = load_arm(model, self.client)
-        movable = [
-            (index, info[10])
-            for index in range(pybullet.getNumJoints(self.body, physicsClientId=self.client))
-            if (info := pybullet.getJointInfo(self.body, index, physicsClientId=self.client))[2]
-            in {pybullet.JOINT_REVOLUTE, pybullet.JOINT_PRISMATIC}
-        ]
-        self.joints = [index for index, _ in movable]
-        self.forces = [force for _, force in movable]
-        self._gains = [POSITION_GAIN] * len(movable), [VELOCITY_GAIN] * len(movable)
-        for link in range(-1, pybullet.getNumJoints(self.body, physicsClientId=self.client)):
+        count = pybullet.getNumJoints(self.body, physicsClientId=self.client)
+        known = {
+            info[1].decode(): info
+            for info in (pybullet.getJointInfo(self.body, k, physicsClientId=self.client) for k in range(count))
+        }
+        # What moves beside the chain to the tip, a gripper's fingers say, stays where it is.
+        moving = [known[joint.name] for joint in kinematics(model).joints if joint.axis is not None]
+        self.joints = [info[0] for info in moving]
+        self.forces = [info[10] for info in moving]
+        self._gains = [POSITION_GAIN] * len(moving), [VELOCITY_GAIN] * len(moving)
+        for link in range(-1, count):
             pybullet.changeDynamics(
                 self.body, link, linearDamping=0.0, angularDamping=0.0, jointDamping=0.0, physicsClientId=self.client
             )

@@ -123,6 +123,19 @@ def picture(
         say(f"wrote {output}")
 
 
+async def _meant(client: SkillClient, recipe: Recipe, version: int) -> Skill:
+    """Return the version asked for, or the recipe's own; else the newest that is deployed, or the newest of all."""
+    newest = await client.skill(recipe.skill_name, version or recipe.skill_version)
+    if version or recipe.skill_version:
+        return newest
+    older = newest
+    while not older.document.get("workstations"):
+        if older.version == 1:
+            return newest
+        older = await client.skill(recipe.skill_name, older.version - 1)
+    return older
+
+
 class Spoken(StrEnum):
     """The languages that programs are written in."""
 
@@ -147,7 +160,9 @@ def program(
     turn_tolerance: Annotated[float, typer.Option(help="the most by which the tool may lean off, rad")] = 2e-3,
     name: Annotated[str, typer.Option(metavar="NAME", help="the program's name on the controller")] = "skill",
     valve: Annotated[int, typer.Option(min=0, max=4096, help="digital output of the valve")] = 1,
-    version: Version = 0,
+    version: Annotated[
+        int, typer.Option(min=0, help="version of the skill; 0 is the recipe's, or the deployed one")
+    ] = 0,
     server: Server = DEFAULT_SERVER,
     user: User = "",
     as_json: Json = False,
@@ -158,7 +173,7 @@ def program(
 
     async def work(client: SkillClient) -> tuple[Recipe, Skill]:
         recipe = await client.recipe(recipe_id)
-        return recipe, await client.skill(recipe.skill_name, version or recipe.skill_version)
+        return recipe, await _meant(client, recipe, version)
 
     place = place_of(arm, config, on)
     recipe, skill = with_client(server, user, work)

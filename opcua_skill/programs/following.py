@@ -1,6 +1,7 @@
 """A plan at any moment, and the fewest lines or cubics found that follow it within a tolerance."""
 
 import math
+from bisect import bisect_right
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -58,90 +59,87 @@ def _whole(time: float, quantum: float) -> float:
     return round(time / quantum) * quantum if quantum > 0.0 else time
 
 
-def knots(moments: Floats, fixed: Floats, quantum: float, good: Callable[[float, float], bool]) -> Floats:
-    """Return times (k,) from the first moment to the last, as far apart as ``good`` allows; ``fixed`` are among them.
+def _grid(followed: Followed, language: Language, events: tuple[Switch, ...]) -> tuple[Floats, frozenset[int]]:
+    """Return the times (g,) at which rows may begin or end, and which of them they have to."""
+    quantum, duration = language.quantum, followed.plan.duration
+    moments, last = followed.moments(), _whole(followed.plan.duration, quantum)
+    grid = np.unique(np.round(moments / quantum) * quantum) if quantum > 0.0 else moments
+    count = int(duration / language.longest_row) + 1 if language.longest_row < math.inf else 1
+    fixed = np.concatenate([[one.time for one in events], np.linspace(0.0, duration, count + 1)[1:-1]])
+    fixed = np.round(fixed / quantum) * quantum if quantum > 0.0 else fixed
+    grid = np.unique(np.concatenate([grid[grid < last - 1e-9], fixed, [0.0, last]]))
+    grid = grid[np.concatenate([[True], np.diff(grid) > 1e-7])]
+    return grid, frozenset({*(int(np.abs(grid - time).argmin()) for time in fixed), len(grid) - 1})
+
+
+def _kept(size: int, stops: frozenset[int], good: Callable[[int, int], bool]) -> list[int]:
+    """Return rows of a grid, from the first to the last, as far apart as ``good`` allows; ``stops`` are among them.
 
     From each one the next is looked for by doubling the stride and halving again. A single step is taken even where
     it is not good: comparing the whole afterwards tells.
     """
-    grid = np.unique(np.round(moments / quantum) * quantum) if quantum > 0.0 else moments
-    last = _whole(float(moments[-1]), quantum)
-    fixed = np.round(fixed / quantum) * quantum if quantum > 0.0 else fixed
-    grid = np.unique(np.concatenate([grid[grid < last - 1e-9], fixed, [0.0, last]]))
-    grid = grid[np.concatenate([[True], np.diff(grid) > 1e-7])]
-    stops = {int(np.abs(grid - time).argmin()) for time in fixed} | {len(grid) - 1}
     found, here, stride = [0], 0, 1
-    while here < len(grid) - 1:
-        most = min(stop for stop in stops if stop > here)
+    ends = sorted(stops)
+    while here < size - 1:
+        most = ends[bisect_right(ends, here)]
         low, high = here + 1, min(most, here + 2 * stride)
-        while good(grid[here], grid[high]) and high < most:
+        while high > low and good(here, high):
             low, high = high, min(most, here + 2 * (high - here))
-        if good(grid[here], grid[high]):
-            low = high
         while high - low > 1:
             middle = (low + high) // 2
-            low, high = (middle, high) if good(grid[here], grid[middle]) else (low, middle)
+            low, high = (middle, high) if good(here, middle) else (low, middle)
         stride, here = low - here, low
         found.append(here)
-    return grid[found]
-
-
-def _fixed(events: tuple[Switch, ...], duration: float, longest: float) -> Floats:
-    """Return the times that are kept as they are: where the valve switches, and so that no row takes too long."""
-    count = int(duration / longest) + 1 if longest < math.inf else 1
-    spread = np.linspace(0.0, duration, count + 1)[1:-1]
-    return np.concatenate([np.array([one.time for one in events]), spread])
+    return found
 
 
 def as_lines(followed: Followed, language: Language, tolerance: float, turn_tolerance: float) -> Lines:
     """Return the fewest lines found that are where the plan is at each moment, within m and rad."""
-    quantum = language.quantum
+    events = switches(followed.plan, language.quantum)
+    grid, stops = _grid(followed, language, events)
+    inside = np.minimum(grid, followed.plan.duration)
+    points, held = followed.at(inside)
     moments = followed.moments()
     places, turns = followed.at(moments)
+    first, after = np.searchsorted(moments, grid - 1e-12), np.searchsorted(moments, grid + 1e-12)
     still = float((turns[0].inv() * turns).magnitude().max()) <= 1e-12
 
-    def good(begin: float, end: float) -> bool:
-        first, last = np.searchsorted(moments, [begin - 1e-12, end + 1e-12])
-        if last - first < 2:
-            return True
-        (start, goal), held = followed.at(np.array([begin, end]))
-        share = (moments[first:last] - begin) / (end - begin)
-        off = places[first:last] - start - share[:, None] * (goal - start)
-        if (off**2).sum(axis=1).max() > tolerance**2:
+    def good(begin: int, end: int) -> bool:
+        part = slice(int(first[begin]), int(after[end]))
+        share = ((moments[part] - grid[begin]) / (grid[end] - grid[begin]))[:, None]
+        off = places[part] - points[begin] - share * (points[end] - points[begin])
+        if (off**2).sum(axis=1).max(initial=0.0) > tolerance**2:
             return False
-        if still:
+        if still or not len(share):
             return True
-        way = (held[0].inv() * held[1]).as_rotvec()
-        line = held[0] * Rotation.from_rotvec(share[:, None] * way)
-        return bool((line.inv() * turns[first:last]).magnitude().max() <= turn_tolerance)
+        way = (held[begin].inv() * held[end]).as_rotvec()
+        line = held[begin] * Rotation.from_rotvec(share * way)
+        return bool((line.inv() * turns[part]).magnitude().max() <= turn_tolerance)
 
-    events = switches(followed.plan, quantum)
-    times = knots(moments, _fixed(events, followed.plan.duration, language.longest_row), quantum, good)
-    points, held = followed.at(np.minimum(times, followed.plan.duration))
-    return Lines(times, points, np.asarray(held.as_quat(), dtype=np.float64), events)
+    kept = _kept(len(grid), stops, good)
+    return Lines(grid[kept], points[kept], np.asarray(held[kept].as_quat(), dtype=np.float64), events)
 
 
 def as_splines(followed: Followed, language: Language, tolerance: float, turn_tolerance: float) -> Splines:
     """Return the fewest cubics of the joints found whose tip is where the plan's is at each moment."""
-    quantum = language.quantum
+    events = switches(followed.plan, language.quantum)
+    grid, stops = _grid(followed, language, events)
+    inside = np.minimum(grid, followed.plan.duration)
+    joints, speeds = (np.asarray(followed.joints(inside, order), dtype=np.float64) for order in (0, 1))
     moments = followed.moments()
     places, turns = followed.at(moments)
+    first, after = np.searchsorted(moments, grid - 1e-12), np.searchsorted(moments, grid + 1e-12)
     chain = kinematics(followed.arm)
 
-    def good(begin: float, end: float) -> bool:
-        first, last = np.searchsorted(moments, [begin - 1e-12, end + 1e-12])
-        if last - first < 2:
-            return True
-        ends = np.array([begin, end])
-        cubic = CubicHermiteSpline(ends, followed.joints(ends), followed.joints(ends, 1))
-        tip, held = chain.forward(np.asarray(cubic(moments[first:last]), dtype=np.float64))
-        if ((tip - places[first:last]) ** 2).sum(axis=1).max() > tolerance**2:
+    def good(begin: int, end: int) -> bool:
+        part = slice(int(first[begin]), int(after[end]))
+        ends = [begin, end]
+        cubic = CubicHermiteSpline(grid[ends], joints[ends], speeds[ends])
+        tip, held = chain.forward(np.asarray(cubic(moments[part]), dtype=np.float64))
+        if ((tip - places[part]) ** 2).sum(axis=1).max(initial=0.0) > tolerance**2:
             return False
-        off = (Rotation.from_matrix(held).inv() * turns[first:last]).magnitude()
-        return bool(off.max() <= turn_tolerance)
+        off = (Rotation.from_matrix(held).inv() * turns[part]).magnitude()
+        return bool(off.max(initial=0.0) <= turn_tolerance)
 
-    events = switches(followed.plan, quantum)
-    times = knots(moments, _fixed(events, followed.plan.duration, language.longest_row), quantum, good)
-    inside = np.minimum(times, followed.plan.duration)
-    joints, speeds = (np.asarray(followed.joints(inside, order), dtype=np.float64) for order in (0, 1))
-    return Splines(times, joints, speeds, events)
+    kept = _kept(len(grid), stops, good)
+    return Splines(grid[kept], joints[kept], speeds[kept], events)

@@ -13,6 +13,8 @@ MOVE = re.compile(
 )
 START = re.compile(rf"    MoveL \[{NUMBERS},{NUMBERS},\[0,0,0,0\],\[[9E,]*\]\],v10,fine,tool0;\Z")
 SET = re.compile(r"    SetDO \w+,([01]);\Z")
+# Times are written to the microsecond: rounded one by one, thousands of them would drift.
+QUANTUM = 1e-6
 FREE = "[9E9,9E9,9E9,9E9,9E9,9E9]"
 
 
@@ -83,7 +85,7 @@ LANGUAGE = Language(
     most_lines=20_000,
     longest_line=255,
     limits="chosen: ABB publishes the memory of a controller, not the lines of a module",
-    quantum=0.0,
+    quantum=QUANTUM,
     rounding=0.5,
     axes=(6,),
     turns="any",

@@ -91,7 +91,7 @@ def check_arm(stem: Path) -> list[ArmFinding]:
         return found
     tip = _tip(values) or (description.longest() if description.tips else "")
     if tip in {link.name for link in description.links}:
-        found += urdf.chain_findings(description, tip)
+        found = [*urdf.of_chain(found, description, tip), *urdf.chain_findings(description, tip)]
     shapes, told = carried(description, tip, stem.parent)
     found += told
     if values:

@@ -62,7 +62,7 @@ def propose(text: str, name: str, beside: Path, *, tip: str = "", needle: float 
     if chosen not in {link.name for link in description.links}:
         raise NotDescribable([*found, error("UnknownLink", chosen, f"there is no link {chosen!r} in {name}.urdf")])
     shapes, told = carried(description, chosen, beside)
-    found += urdf.chain_findings(description, chosen) + told
+    found = [*urdf.of_chain(found, description, chosen), *urdf.chain_findings(description, chosen), *told]
     errors = [one for one in found if one.weight == "error"]
     if errors:
         raise NotDescribable(errors)

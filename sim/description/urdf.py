@@ -3,7 +3,7 @@
 import math
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 from xml.etree import ElementTree
 
@@ -18,6 +18,7 @@ XACRO = "http://www.ros.org/wiki/xacro"
 UNIT = 1e-3
 # A turn of more than four full ones, or a part longer than twenty metres, is another unit.
 MOST_TURN, MOST_LENGTH = 8.0 * math.pi, 20.0
+OF_JOINTS = frozenset({"JointType", "Mimic", "NoAxis", "ZeroLimits", "LimitsSwapped", "InDegrees", "InMillimetres"})
 ShapeKind = Literal["mesh", "box", "cylinder", "sphere", "unknown"]
 
 
@@ -105,13 +106,19 @@ class Description:
 
 def read(text: str, where: str) -> tuple[Description | None, list[ArmFinding]]:
     """Return the rows of a URDF and what is odd in its writing; None where it is no URDF that can be read."""
-    if "$(find" in text or "xacro:" in text or XACRO in text:
-        way_out = f"write it out first, where ROS is: `xacro {where}.xacro > {where}`"
-        return None, [error("Xacro", where, f"{where} holds xacro, which is a program, not a description: {way_out}")]
+    way_out = f"write it out first, where ROS is: `xacro {where}.xacro > {where}`"
+    xacro = error("Xacro", where, f"{where} holds xacro, which is a program, not a description: {way_out}")
     try:
         root = ElementTree.fromstring(text.encode())
     except (ElementTree.ParseError, ValueError, LookupError) as wrong:
-        return None, [error("NotUrdf", where, f"{where} is no XML: {wrong}")]
+        if "<xacro:" in text:
+            return None, [xacro]
+        return None, [error("NotUrdf", where, f"{where} is no XML: {wrong}; export the arm again")]
+    # What xacro has written out may still name its namespace.
+    if any(tag.tag.startswith(f"{{{XACRO}}}") for tag in root.iter()) or any(
+        mark in value for tag in root.iter() for value in tag.attrib.values() for mark in ("${", "$(")
+    ):
+        return None, [xacro]
     if root.tag != "robot":
         return None, [
             error("NotUrdf", where, f"{where} begins with <{root.tag}>, a URDF with <robot>: export the arm as URDF")
@@ -229,6 +236,17 @@ def _axis_and_limits(joint: JointRow) -> Iterator[ArmFinding]:
     if joint.velocity is not None and joint.velocity <= 0.0:
         text = f"joint {name!r} has velocity 0 in the URDF: its velocity has to come from the controller's manual"
         yield warning("ZeroLimits", name, text)
+
+
+def of_chain(found: list[ArmFinding], description: Description, tip: str) -> list[ArmFinding]:
+    """Return findings with those of joints beside the chain to ``tip`` as warnings: these stay where they are."""
+    names = {joint.name for joint in description.joints} - {joint.name for joint in description.chain(tip)}
+    return [
+        replace(one, weight="warning")
+        if one.weight == "error" and one.where in names and one.code in OF_JOINTS
+        else one
+        for one in found
+    ]
 
 
 def chain_findings(read: Description, tip: str) -> list[ArmFinding]:

@@ -112,7 +112,7 @@ def test_a_larger_tolerance_needs_fewer_rows():
     assert rows[0] > 2 * rows[2]
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(3))
 def test_a_random_plan_comes_back_or_is_refused_for_what_the_language_cannot_say(seed):
     """Fewer here than were tried by hand; the same seeds give the same plans."""
     random = np.random.default_rng(seed)

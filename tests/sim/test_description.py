@@ -14,12 +14,14 @@ from random_orders import ROBOTS, own_arm
 from scipy.spatial.transform import Rotation
 
 from sim import arms
+from sim.conformance import line_plan
 from sim.description import meshes, urdf
 from sim.description.capsules import beyond, fit
 from sim.description.checking import check_arm, check_place
 from sim.description.proposal import NotDescribable, propose, written
 from sim.description.tool_point import PosesRefused, tool_point
 from sim.plan import plan_home
+from sim.pybullet_arm import PyBulletArm
 
 BOX = '<collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision>'
 
@@ -58,6 +60,12 @@ ODD = [
     ("urdf", '<parent link="base"/>', '<parent link="z"/>', "Loop"),
     ("urdf", '<joint name="jy" type="prismatic">', '<joint name="jy" type="fixed">', "AxisCount"),
     ("urdf", '<robot name="gantry">', '<robot name="gantry"><xacro:include filename="a"/>', "Xacro"),
+    (
+        "urdf",
+        '<robot name="gantry">',
+        '<robot name="gantry" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arm/>',
+        "Xacro",
+    ),
     ("urdf", 'xyz="0 0 0.5"', 'xyz="$(find gantry) 0 0"', "Xacro"),
     ("urdf", "</robot>", "", "NotUrdf"),
     ("urdf", '<link name="x"/>', f'<link name="x">{BOX.replace("0.1 0.1 0.1", "0.1 zwei")}</link>', "NumberUnreadable"),
@@ -134,6 +142,32 @@ def test_what_passes_the_check_is_loaded_and_what_does_not_never_raises(tmp_path
         assert arms.read_files(stem).dof >= 3
 
 
+FINGERS = """
+<!-- written out by xacro --><link name="left"/><link name="right"/>
+<joint name="fl" type="prismatic"><parent link="z"/><child link="left"/><axis xyz="0 1 0"/>
+<limit lower="0" upper="0.04" velocity="0.1" effort="20"/></joint>
+<joint name="fr" type="prismatic"><parent link="z"/><child link="right"/><axis xyz="0 -1 0"/><mimic joint="fl"/>
+<limit lower="0" upper="0.04" velocity="0.1" effort="20"/></joint>
+<transmission name="t"><joint name="jx"/><actuator name="m"/></transmission></robot>"""
+
+
+async def test_fingers_beside_the_chain_are_told_and_stay_where_they_are(tmp_path):
+    stem = folder(tmp_path, urdf=("</robot>", FINGERS))
+    text = stem.with_suffix(".urdf").read_text()
+    stem.with_suffix(".urdf").write_text(
+        text.replace('<robot name="gantry">', '<robot name="gantry" xmlns:xacro="http://www.ros.org/wiki/xacro">')
+    )
+    assert not codes(stem)
+    assert {"SeveralChains", "Mimic"} <= codes(stem, "warning")
+    arm = PyBulletArm(arms.read_files(stem), realtime=False)
+    await arm.open()
+    try:
+        trace = await arm.run(line_plan(arm.model, 0.03), lambda _: None)
+    finally:
+        await arm.close()
+    assert trace.tracking_error()[1] < 5e-6
+
+
 def test_encodings_are_told_and_a_byte_order_mark_is_no_hindrance(tmp_path):
     stem = folder(tmp_path)
     file = stem.with_suffix(".toml")
@@ -152,7 +186,7 @@ def test_a_folder_says_which_arms_it_holds_or_what_is_missing(tmp_path):
     (tmp_path / "cell.urdf.xacro").write_text("<robot/>")
     assert [one.code for one in check_place(tmp_path)[tmp_path.name]] == ["Xacro"]
     found = check_place(ROBOTS)
-    assert set(found) == {"gantry", "scara", "ur5e"}
+    assert set(found) == {"gantry", "gantry_c", "scara", "ur5e"}
     assert all("SeveralArms" in {one.code for one in rows} for rows in found.values())
     assert not any(one.weight == "error" for rows in found.values() for one in rows)
 

@@ -1,6 +1,7 @@
 """Somebody else's arm from a folder, and what a workstation has otherwise: planned as it is, or refused aloud."""
 
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from sim.arm import ArmModel
 from sim.arms import Changes, changed, read_model
 from sim.checks import MotionRefused
 from sim.clearance import Box, Cell, check_clearance, least_distances
+from sim.description.reach import reaching, seeds
 from sim.kinematics import kinematics
 from sim.plan import MotionOrder, MotionPlan, plan_home, plan_motion
 
@@ -154,6 +156,60 @@ def test_travel_goes_round_a_wall_between_home_and_the_part(model):
     assert plan.segments[0].stage == "travel"
     straight = np.linspace(plan.joints[0], plan.joints[plan.segments[0].last], 200)
     assert least_distances(narrow, straight, wall.fixtures).min() < 0.0, "the straight move would have gone through it"
+
+
+def five_axes() -> ArmModel:
+    """Return a UR5e whose last axis is fixed."""
+    urdf, table = texts("ur5e")
+    urdf = urdf.replace('name="wrist_3_joint" type="revolute"', 'name="wrist_3_joint" type="fixed"')
+    lines = [
+        re.sub(r", [^,\]]+\]$", "]", line) if re.match(r"(lower|upper|values|home) = ", line) else line
+        for line in table.splitlines()
+    ]
+    return read_model("five", urdf, "\n".join(lines))
+
+
+FEW = {"gantry": 3, "gantry_c": 4, "scara": 4, "five": 5}
+
+
+@pytest.mark.parametrize("name", FEW)
+def test_arms_of_few_axes_find_back_to_every_pose_they_can_have(name):
+    arm = five_axes() if name == "five" else own_arm(name)
+    chain = kinematics(arm)
+    assert chain.dof == FEW[name]
+    random = np.random.default_rng(4)
+    joints = chain.seed + random.uniform(-0.25, 0.25, (40, chain.dof))
+    places, turns = chain.forward(joints)
+    found = chain.refine(places, turns, joints + random.uniform(-0.02, 0.02, joints.shape))
+    assert found.reached.all()
+    again, held = chain.forward(found.joints)
+    assert np.abs(again - places).max() < 1e-9
+    assert np.abs(held - turns).max() < 1e-6
+    one_by_one = [chain.refine(places[[k]], turns[[k]], joints[[k]] + 0.01).joints for k in range(3)]
+    together = chain.refine(places[:3], turns[:3], joints[:3] + 0.01).joints
+    assert np.array_equal(np.concatenate(one_by_one), together)
+
+
+@pytest.mark.parametrize(("name", "least"), [("scara", 2), ("ur5e", 8), ("gantry", 1)])
+def test_every_branch_that_reaches_a_pose_is_found(name, least):
+    chain = kinematics(own_arm(name))
+    joints, good = reaching(chain, chain.seed_position[None], chain.seed_rotation, seeds(chain, 80))
+    turns = np.where(chain.slides, joints[good], np.mod(joints[good] + 1e-6, 2.0 * np.pi))
+    assert len({tuple(row) for row in np.round(turns, 3)}) >= least
+
+
+def test_a_gantry_with_a_turning_axis_holds_the_nozzle_as_the_part_is_turned_and_one_without_cannot_lean():
+    arm = own_arm("gantry_c")
+    yaw = tuple(Rotation.from_euler("z", 40.0, degrees=True).as_quat())
+    plan = plan_motion(DrawnMotion(), replace(ORDER, frame=(0.42, 0.0, 0.1, *yaw)), arm)
+    assert not [one for one in plan.findings if one.code == "NoIkSolution"]
+    assert largest_shares(plan, arm).max() <= 1.0
+    leaning = tuple(Rotation.from_euler("y", 20.0, degrees=True).as_quat())
+    motion = DrawnMotion(corners=((0.0, 0.0), (0.03, 0.0), (0.03, 0.02)))
+    told = plan_motion(motion, replace(ORDER, frame=(0.42, 0.0, 0.1, *leaning)), own_arm("gantry")).findings
+    [lean] = [one for one in told if one.code == "NoIkSolution"]
+    assert (lean.unit, lean.fatal) == ("degrees", False)
+    assert lean.size == pytest.approx(20.0, abs=1e-6)
 
 
 BRANCHES = [
