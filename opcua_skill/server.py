@@ -47,7 +47,7 @@ from opcua_skill.nodes.tree import Tree, number, numbers, text, texts
 from opcua_skill.nodes.tree import count as count_of
 from opcua_skill.nodes.types import add_types
 from opcua_skill.nodes.workstation import add_workstation
-from opcua_skill.security import Authenticator, SecuritySettings
+from opcua_skill.security import Authenticator, SecuritySettings, ensure_server_certificate
 from opcua_skill.settings import Settings
 from opcua_skill.stack.access import caller
 from opcua_skill.stack.audit import SignInRecord, WriteRecord
@@ -64,6 +64,7 @@ from sim.gate import LOWEST_OVERRIDE
 SHOW_STATE_EVERY = 0.1
 MENTION_REFUSALS_EVERY = 1.0
 PAGE = 500
+APPLICATION_NAME = "opcua-skill"
 HEALTHY, DEGRADED = 255, 199
 
 _log = logging.getLogger(__name__)
@@ -171,10 +172,17 @@ class SkillServerApp:
     async def _build(self) -> None:
         """Make the server and its address space, all but the workstations."""
         settings = self.settings
+        folder = settings.data / "certificates"
+        names = tuple(name for name in (urlsplit(settings.endpoint).hostname, *settings.host_names) if name)
+        own = await asyncio.to_thread(
+            ensure_server_certificate, folder, settings.application_uri, APPLICATION_NAME, names
+        )
+        self._installation = own.installation
         security = SecuritySettings(
-            folder=settings.data / "certificates",
+            folder=folder,
             endpoint=settings.endpoint,
-            application_uri=settings.application_uri,
+            application_uri=own.application_uri,
+            application_name=APPLICATION_NAME,
             host_names=settings.host_names,
             discovery_servers=settings.discovery_servers,
             insecure_no_encryption=settings.security.allow_no_security,
@@ -237,7 +245,7 @@ class SkillServerApp:
             await self._show_lock(self._faces[name])
 
         methods = WorkstationMethods(self.library, self.jobs, station, lock, self.settings, self._tidings, lock_changed)
-        skills = await add_workstation(self._tree, settings, station.model, methods)
+        skills = await add_workstation(self._tree, settings, station.model, methods, self._installation)
         await add_checking(self._tree, name, CheckingMethods(self.jobs, station))
         await add_homing(self._tree, name, HomingMethods(self.jobs, station, lock))
         await add_queue(self._tree, name, QueueMethods(station, lock))

@@ -159,7 +159,7 @@ class Settings(BaseSettings):
         default=(), description="addresses of discovery servers to register with"
     )
     application_uri: str = Field(
-        default="urn:opcua-skill:server", description="application URI in the server's certificate"
+        default="", description="application URI in the server's certificate; empty: made at the first start, then kept"
     )
     four_eyes: bool = Field(default=True, description="who contributed to a version cannot approve it")
     log_level: Literal["debug", "info", "warning", "error"] = Field(default="info", description="how much is logged")

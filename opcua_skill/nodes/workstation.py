@@ -91,9 +91,12 @@ def lock_specs(methods: WorkstationMethods) -> tuple[MethodSpec, ...]:
 
 
 async def add_workstation(
-    tree: Tree, settings: Workstation, model: ArmModel, methods: WorkstationMethods
+    tree: Tree, settings: Workstation, model: ArmModel, methods: WorkstationMethods, installation: str
 ) -> SkillNodes:
-    """Add one workstation to Machines; return the keeper of its deployed skills."""
+    """Add one workstation to Machines; return the keeper of its deployed skills.
+
+    ``installation`` names this installation and no other.
+    """
     machines = tree.machinery(MACHINES)
     path = f"Machines/{settings.name}"
     root = tree.object(
@@ -105,7 +108,7 @@ async def add_workstation(
     )
     await make_notifier(tree.server.get_node(root), tree.server.get_node(machines))
     await make_notifier(tree.server.get_node(machines))
-    _add_identification(tree, path, root, settings)
+    _add_identification(tree, path, root, settings, installation)
     _add_equipment(tree, path, root, settings, model)
     for spec in specs(tree, methods):
         tree.declare_method("WorkstationType", spec)
@@ -116,7 +119,7 @@ async def add_workstation(
     return SkillNodes(tree, settings.name)
 
 
-def _add_identification(tree: Tree, path: str, root: ua.NodeId, settings: Workstation) -> None:
+def _add_identification(tree: Tree, path: str, root: ua.NodeId, settings: Workstation, installation: str) -> None:
     identification = tree.object(
         f"{path}/Identification",
         root,
@@ -125,7 +128,7 @@ def _add_identification(tree: Tree, path: str, root: ua.NodeId, settings: Workst
         reference=ObjectIds.HasAddIn,
         description="name plate of the workstation",
     )
-    product = f"urn:opcua-skill:workstation:{settings.name}"
+    product = f"urn:opcua-skill:workstation:{installation}:{settings.name}"
     for name, value in (
         ("Manufacturer", localized(settings.manufacturer or "opcua-skill")),
         ("Model", localized(settings.model or "learned-skill workstation")),

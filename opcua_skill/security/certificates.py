@@ -1,13 +1,14 @@
 """Application certificates: self-signed, made at first start, keys readable by their owner alone."""
 
 import ipaddress
+import json
 import logging
 import os
 import socket
-from dataclasses import dataclass
+import uuid
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-
 from cryptography import x509
 from cryptography.exceptions import UnsupportedAlgorithm
 from cryptography.hazmat.primitives import hashes, serialization
@@ -24,11 +25,15 @@ VALID_FOR = timedelta(days=5 * 365)
 
 @dataclass(frozen=True, slots=True)
 class ApplicationCertificate:
-    """A certificate (DER) and its private key (PEM) on disk, and the application URI the certificate is bound to."""
+    """A certificate (DER) and its private key (PEM) on disk, and the application URI the certificate is bound to.
+
+    ``installation`` names the server's installation and no other; a client's is empty.
+    """
 
     certificate_file: Path
     key_file: Path
     application_uri: str
+    installation: str = ""
 
     def certificate(self) -> x509.Certificate:
         """Return the certificate."""
@@ -62,9 +67,36 @@ def load_certificate(content: bytes) -> x509.Certificate:
 def ensure_server_certificate(
     folder: Path, application_uri: str, application_name: str, host_names: tuple[str, ...] = ()
 ) -> ApplicationCertificate:
-    """Return the server's certificate in a folder; make key and certificate if there are none yet."""
+    """Return the server's certificate in a folder; make key and certificate if there are none yet.
+
+    Without an ``application_uri`` the certificate's is taken. A new certificate gets the one that was kept, or at the very
+    first start one of this installation alone.
+    """
     names = dict.fromkeys(("localhost", "127.0.0.1", socket.gethostname(), *host_names))
-    return _ensure(folder, "server", application_uri, application_name, tuple(names), server=True)
+    make_private(folder)
+    file = folder / "installation.json"
+    kept = _kept(file)
+    installation = kept.get("installation") or str(uuid.uuid4())
+    if not application_uri and not (folder / "server.der").exists():
+        application_uri = kept.get("application_uri") or f"urn:opcua-skill:server:{installation}"
+    made = _ensure(folder, "server", application_uri, application_name, tuple(names), server=True)
+    now = {"installation": installation, "application_uri": made.application_uri}
+    if now != kept:
+        _write(file, json.dumps(now, indent=2).encode(), mode=0o644)
+    return replace(made, installation=installation)
+
+
+def _kept(file: Path) -> dict[str, str]:
+    """Return what an installation calls itself ever since its first start, nothing before that."""
+    try:
+        found = json.loads(file.read_bytes())
+    except FileNotFoundError:
+        return {}
+    except ValueError:
+        raise CertificateUnusable(file, "is damaged: it is no JSON") from None
+    if not isinstance(found, dict):
+        raise CertificateUnusable(file, "is damaged: it is no JSON object")
+    return {str(key): str(value) for key, value in found.items()}
 
 
 def ensure_client_certificate(
@@ -83,8 +115,7 @@ def _ensure(
     make_private(folder)
     found = ApplicationCertificate(folder / f"{stem}.der", folder / f"{stem}.pem", application_uri)
     if found.certificate_file.exists():
-        _check(found)
-        return found
+        return replace(found, application_uri=_check(found))
     if found.key_file.exists():
         check_key(found.key_file)
         key = _load_key(found.key_file)
@@ -96,8 +127,11 @@ def _ensure(
     return found
 
 
-def _check(found: ApplicationCertificate) -> None:
-    """Raise CertificateUnusable, or KeyIsOpen, unless key and certificate are there, whole, and made for each other."""
+def _check(found: ApplicationCertificate) -> str:
+    """Return the application URI of a certificate.
+
+    Raises CertificateUnusable, or KeyIsOpen, unless key and certificate are there, whole, and made for each other.
+    """
     if not found.key_file.exists():
         raise CertificateUnusable(found.key_file, f"is missing, the key of {found.certificate_file.name}")
     check_key(found.key_file)
@@ -113,9 +147,11 @@ def _check(found: ApplicationCertificate) -> None:
         uris = alternative.get_values_for_type(x509.UniformResourceIdentifier)
     except x509.ExtensionNotFound:
         uris = []
-    if found.application_uri not in uris:
-        problem = f"is bound to {', '.join(uris) or 'no application URI'}, not to {found.application_uri}"
+    wanted = found.application_uri or next(iter(uris), "")
+    if wanted not in uris:
+        problem = f"is bound to {', '.join(uris) or 'no application URI'}, not to {wanted or 'any'}"
         raise CertificateUnusable(found.certificate_file, problem, "keep the URI")
+    return wanted
 
 
 def _load_key(file: Path) -> rsa.RSAPrivateKey:

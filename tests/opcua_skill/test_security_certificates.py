@@ -46,6 +46,23 @@ def test_a_lost_certificate_is_made_again_from_the_same_key(tmp_path: Path):
     assert ensure_client_certificate(tmp_path, URI).key_file.read_bytes() == key
 
 
+def test_an_installation_has_a_name_of_its_own_and_keeps_it(tmp_path: Path):
+    one, other = (ensure_server_certificate(tmp_path / name, "", "plant") for name in ("one", "other"))
+    assert one.application_uri != other.application_uri
+    assert one.installation != other.installation
+    assert ensure_server_certificate(tmp_path / "one", "", "plant") == one
+    for file in (one.certificate_file, one.key_file):
+        file.unlink()
+    assert ensure_server_certificate(tmp_path / "one", "", "plant") == one  # with another key, under the same name
+    first = ensure_server_certificate(tmp_path / "old", "urn:opcua-skill:server", "plant")
+    (tmp_path / "old" / "installation.json").unlink()
+    old = ensure_server_certificate(tmp_path / "old", "", "plant")
+    assert (old.application_uri, old.thumbprint()) == ("urn:opcua-skill:server", first.thumbprint())
+    (tmp_path / "old" / "installation.json").write_text("[")
+    with pytest.raises(ValueError, match="is damaged"):
+        ensure_server_certificate(tmp_path / "old", "", "plant")
+
+
 def test_a_certificate_of_another_application_is_not_used_silently(tmp_path: Path):
     ensure_client_certificate(tmp_path, URI)
     with pytest.raises(ValueError, match="urn:another"):
