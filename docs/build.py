@@ -5,7 +5,9 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, get_args
+from xml.etree.ElementTree import Element
 
+from asyncua import ua
 from asyncua.common.xmlexporter import XmlExporter
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
@@ -19,6 +21,7 @@ from sim.kinematic_arm import KinematicArm
 
 REFERENCE = Path(__file__).parent / "reference"
 CONFIGURATION = REFERENCE / "configuration.md"
+STANDARD = "http://opcfoundation.org/UA/"
 NODE_SET = REFERENCE / "opcua-skill.NodeSet2.xml"
 
 
@@ -89,7 +92,25 @@ async def _write_types(server: SkillServer, file: Path) -> None:
     exporter = XmlExporter(server)
     await exporter.build_etree([server.get_node(key) for key in ours])
     _leave_out_inherited_fields(exporter.etree.getroot())
+    await _say_models(server, exporter.etree.getroot())
     await exporter.write_xml(file)
+
+
+async def _say_models(server: SkillServer, root: Any) -> None:
+    """Say which model this is, and which versions of which others it is built from (OPC 10000-6, F.5)."""
+    used = [one.text for one in root.find("NamespaceUris")]
+    models: dict[str, dict[str, str]] = {}
+    for node in await server.get_node(ua.NodeId(ua.ObjectIds.Server_Namespaces)).get_children():
+        values = {(await one.read_browse_name()).Name: await one.read_value() for one in await node.get_children()}
+        day = values["NamespacePublicationDate"].strftime("%Y-%m-%dT%H:%M:%SZ")
+        uri, version = values["NamespaceUri"], values["NamespaceVersion"]
+        models[uri] = {"ModelUri": uri, "Version": version, "PublicationDate": day}
+    own = Element("Model", models[TYPES])
+    for uri in (STANDARD, *(uri for uri in used if uri != TYPES)):
+        own.append(Element("RequiredModel", models[uri]))
+    listed = Element("Models")
+    listed.append(own)
+    root.insert(list(root).index(root.find("NamespaceUris")) + 1, listed)
 
 
 def _leave_out_inherited_fields(root: Any) -> None:

@@ -39,6 +39,7 @@ from opcua_skill.nodes.checking import add_checking
 from opcua_skill.nodes.edits import add_edits
 from opcua_skill.nodes.homing import add_homing
 from opcua_skill.nodes.library import add_library
+from opcua_skill.nodes.namespaces import add_namespaces
 from opcua_skill.nodes.queue import add_queue
 from opcua_skill.nodes.recorder import RecorderNodes, add_recorder
 from opcua_skill.nodes.sessions import add_sessions
@@ -199,6 +200,7 @@ class SkillServerApp:
         await self.server.init()
         self._tree = await Tree.on(self.server)
         await add_types(self._tree)
+        await add_namespaces(self._tree)
         self._tidings = Tidings(self._tree)
         self.jobs = JobEngine(
             self.library,

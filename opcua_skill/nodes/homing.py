@@ -13,4 +13,5 @@ async def add_homing(tree: Tree, workstation: str, methods: HomingMethods) -> No
         method("GoHome", methods.go_home, OPERATORS, (COMMENT,), ()),
         method("StopMotion", methods.stop_motion, OPERATORS, (COMMENT,), (), urgent=True),
     ):
+        tree.declare_method("ArmType", spec)
         await add_method(tree.server, tree.id(arm), spec, tree.id(f"{arm}/{spec.name}"), tree.name(spec.name))

@@ -10,12 +10,15 @@ from models.options import preset_names
 from opcua_skill.methods.library import LibraryMethods
 from opcua_skill.nodes.tree import Tree, count, number, standard, texts
 from opcua_skill.nodes.types import BOOLEAN, BYTE, BYTE_STRING, DOUBLE, STATUS_CODE, STRING, UINT32
+from opcua_skill.nodes.units import BYTE as BYTES
+from opcua_skill.nodes.units import SECOND, measured
 from opcua_skill.settings import Limits
 from opcua_skill.stack.access import Role
 from opcua_skill.stack.calls import Argument, MethodSpec, add_method
 from opcua_skill.stack.events import make_notifier
 
 PATH = "SkillLibrary"
+LONGEST_HOLD = 3600.0
 READERS = Role.OBSERVER.and_above
 OPERATORS = Role.OPERATOR.and_above
 TEACHERS = Role.TEACHER.and_above
@@ -195,14 +198,18 @@ async def add_library(
         ("MaxTrajectorySamples", limits.max_trajectory_samples),
         ("MaxContentLength", limits.max_content),
         ("MaxPage", limits.max_page),
+    ):
+        tree.property(f"{PATH}/Limits/{name}", bounds, count(value))
+    for name, value in (
         ("MaxMessageSize", largest_message),
         ("MaxAnswerSize", tree.server.stack_limits.largest_answer),  # type: ignore[attr-defined]
     ):
-        tree.property(f"{PATH}/Limits/{name}", bounds, count(value))
+        measured(tree, f"{PATH}/Limits/{name}", bounds, count(value), BYTES, (0, value))
     presets = texts(preset_names())
     tree.property(f"{PATH}/Presets", library, presets, description="ways to learn, for LearningOptions.Preset")
     tree.property(f"{PATH}/Faults", library, texts(()), description="what ServiceLevel is lowered for, in words")
-    tree.property(f"{PATH}/LongestHold", library, number(0.0), description="s the event loop was held longest")
+    meaning = "how long the event loop was held longest"
+    measured(tree, f"{PATH}/LongestHold", library, number(0.0), SECOND, (0.0, LONGEST_HOLD), description=meaning)
     tree.property(f"{PATH}/Holds", library, count(0), description="how often it was held for more than 20 ms")
     tree.property(f"{PATH}/FaultKinds", library, texts(()), description="the same, in one word each")
     asked = ua.Variant(four_eyes, ua.VariantType.Boolean)

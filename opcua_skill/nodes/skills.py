@@ -9,6 +9,7 @@ from asyncua.ua.object_ids import ObjectIds
 
 from library.description import JobReport, JobState, SkillDescription
 from opcua_skill.nodes.tree import Tree, count, localized, number, standard, text, texts
+from opcua_skill.nodes.units import ONE, measured
 from opcua_skill.stack.events import make_notifier
 
 # OPC 10000-10: numbers of the states of a program.
@@ -93,7 +94,9 @@ class SkillNodes:
         add("Components", count(len(description.means)), "number of Gaussian components")
         add("Means", _matrix(description.means), f"row-major, {shape}", prop=False)
         add("Covariances", _matrix(description.covariances), f"row-major, {shape}", prop=False)
-        add("Progress", number(0.0), "of the run under way, 0..1", prop=False)
+        progress = f"{path}/Progress"
+        measured(tree, progress, root, number(0.0), ONE, (0.0, 1.0), description="of the run under way")
+        added += [tree.id(progress), tree.id(f"{progress}/EURange"), tree.id(f"{progress}/EngineeringUnits")]
         self._add_program_members(add, description)
         self._nodes[description.name] = added
         self._states[description.name] = READY

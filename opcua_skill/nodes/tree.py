@@ -106,15 +106,15 @@ class Tree:
         reference: int | ua.NodeId = ObjectIds.HasComponent,
         notifier: bool = False,
         description: str = "",
+        node_id: ua.NodeId | None = None,
     ) -> ua.NodeId:
         """Add an object; its browse name is the last part of the path unless given. ``notifier``: raises events."""
         attributes = ua.ObjectAttributes()
         attributes.EventNotifier = ua.Byte(1 if notifier else 0)
         browse_name = name or self.name(path.rsplit("/", 1)[-1])
         type_node = type_definition or standard(ObjectIds.BaseObjectType)
-        return self._add(
-            self.id(path), parent, browse_name, ua.NodeClass.Object, attributes, reference, type_node, description
-        )
+        place = node_id or self.id(path)
+        return self._add(place, parent, browse_name, ua.NodeClass.Object, attributes, reference, type_node, description)
 
     def variable(
         self,

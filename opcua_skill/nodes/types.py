@@ -9,6 +9,7 @@ from asyncua.common.structures104 import new_enum_field, new_struct_field
 from asyncua.ua.object_ids import ObjectIds
 
 from library.description import Failure
+from opcua_skill.nodes.members import declare_members
 from opcua_skill.nodes.tree import Tree, standard
 
 STRING = standard(ObjectIds.String)
@@ -316,5 +317,6 @@ async def add_types(tree: Tree) -> None:
     await tree.server.load_data_type_definitions()
     for name, base, description in OBJECT_TYPES:
         tree.object_type(name, standard(base), description)
+    declare_members(tree)
     for name, description, event_fields in EVENT_TYPES:
         _event_type(tree, name, description, event_fields)

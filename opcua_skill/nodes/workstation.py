@@ -10,18 +10,20 @@ from opcua_skill.atomic_skills import SkillParameter, described, motions_of
 from opcua_skill.methods.workstation import WorkstationMethods
 from opcua_skill.nodes.library import COMMENT, JOB_ID, OPERATORS, READERS, RECIPE_ID, SKILL, STATE, method
 from opcua_skill.nodes.links import add_links
+from opcua_skill.nodes.members import LOCKING_SERVICES, MACHINE_IDENTIFICATION
 from opcua_skill.nodes.skills import SkillNodes
 from opcua_skill.nodes.tree import Tree, localized, number, numbers, standard, text, texts
 from opcua_skill.nodes.types import DOUBLE, INT32, STRING, UINT32
+from opcua_skill.nodes.units import METRE, ONE, Unit, joint_units, measured
 from opcua_skill.settings import Workstation
 from opcua_skill.stack.access import Role
 from opcua_skill.stack.calls import Argument, MethodSpec, add_method
 from opcua_skill.stack.events import make_notifier
 from sim.arm import ArmModel
+from sim.gate import LOWEST_OVERRIDE
+from sim.kinematics import kinematics
 
-MACHINES, MACHINE_IDENTIFICATION = 1001, 1012
-LOCKING_SERVICES = 6388
-UNECE = "http://www.opcfoundation.org/UA/units/un/cefact"
+MACHINES = 1001
 
 
 def specs(tree: Tree, methods: WorkstationMethods) -> tuple[MethodSpec, ...]:
@@ -106,8 +108,7 @@ async def add_workstation(
         type_definition=tree.type_id("WorkstationType"),
         description=f"workstation with {model.manufacturer} {model.model}",
     )
-    await make_notifier(tree.server.get_node(root), tree.server.get_node(machines))
-    await make_notifier(tree.server.get_node(machines))
+    await make_notifier(tree.server.get_node(root))
     _add_identification(tree, path, root, settings, installation)
     _add_equipment(tree, path, root, settings, model)
     for spec in specs(tree, methods):
@@ -156,14 +157,17 @@ def _add_equipment(tree: Tree, path: str, root: ua.NodeId, settings: Workstation
         tree.property(f"{place}/AtomicSkills", node, texts(skills), description="the atomic skills it gives")
         if name == "Arm":
             limits = model.limits
-            for label, values in (
-                ("JointPositionMinimum", limits.lower),
-                ("JointPositionMaximum", limits.upper),
-                ("JointVelocityMaximum", limits.velocity),
-                ("JointAccelerationMaximum", limits.acceleration),
-                ("JointJerkMaximum", limits.jerk),
+            position, velocity, acceleration, jerk = joint_units(kinematics(model).slides.tolist())
+            for label, values, unit in (
+                ("JointPositionMinimum", limits.lower, position),
+                ("JointPositionMaximum", limits.upper, position),
+                ("JointVelocityMaximum", limits.velocity, velocity),
+                ("JointAccelerationMaximum", limits.acceleration, acceleration),
+                ("JointJerkMaximum", limits.jerk, jerk),
             ):
-                tree.property(f"{place}/{label}", node, numbers(values), description="one value a joint, rad and s")
+                span = (min(0.0, *values), max(0.0, *values))
+                one = "one value a joint"
+                measured(tree, f"{place}/{label}", node, numbers(values), unit, span, description=one)
             add_links(tree, place, node, model)
         for skill in skills:
             if skill not in given:
@@ -186,44 +190,22 @@ def _add_atomic_skill(tree: Tree, path: str, parent: ua.NodeId, name: str) -> ua
 
 def _add_parameter(tree: Tree, path: str, parent: ua.NodeId, parameter: SkillParameter) -> None:
     """Add a parameter as an AnalogUnitRangeType variable: its default, unit and range."""
-    node = tree.variable(
-        path,
-        parent,
-        number(parameter.default),
-        type_definition=ObjectIds.AnalogUnitRangeType,
-        description=parameter.description,
-    )
-    span = ua.Variant(ua.Range(Low=parameter.low, High=parameter.high), ua.VariantType.ExtensionObject)
-    tree.property(
-        f"{path}/EURange",
-        node,
-        span,
-        data_type=standard(ObjectIds.Range),
-        name=ua.QualifiedName("EURange", 0),
-    )
-    unit = ua.EUInformation(
-        NamespaceUri=UNECE,
-        UnitId=int.from_bytes(parameter.unit_code.encode("ascii"), "big"),
-        DisplayName=ua.LocalizedText(parameter.unit or "1"),
-        Description=ua.LocalizedText(parameter.unit or "one"),
-    )
-    tree.property(
-        f"{path}/EngineeringUnits",
-        node,
-        ua.Variant(unit, ua.VariantType.ExtensionObject),
-        data_type=standard(ObjectIds.EUInformation),
-        name=ua.QualifiedName("EngineeringUnits", 0),
-    )
+    unit = Unit(parameter.unit_code, parameter.unit or "1", parameter.unit or "one")
+    span, meaning = (parameter.low, parameter.high), parameter.description
+    measured(tree, path, parent, number(parameter.default), unit, span, description=meaning)
 
 
 async def _add_arm(tree: Tree, path: str, root: ua.NodeId, model: ArmModel, methods: WorkstationMethods) -> None:
     arm_path = f"{path}/Arm"
     arm = tree.object(arm_path, root, type_definition=tree.type_id("ArmType"), description="the arm as it is now")
     state = methods.station.arm.state()
-    tree.variable(f"{arm_path}/Position", arm, numbers(state.joints), description="joint positions, rad")
-    tree.variable(
-        f"{arm_path}/ToolPose", arm, numbers(state.tool_pose), description="x y z (m) qx qy qz qw in the base"
-    )
+    position = joint_units(kinematics(model).slides.tolist())[0]
+    span = (min(model.limits.lower), max(model.limits.upper))
+    joints = numbers(state.joints)
+    measured(tree, f"{arm_path}/Position", arm, joints, position, span, description="joint positions")
+    reach = max(1.0, *(abs(edge) for edge in (*model.workspace_low, *model.workspace_high)))
+    tool, meaning = numbers(state.tool_pose), "x y z (m) qx qy qz qw in the base"
+    measured(tree, f"{arm_path}/ToolPose", arm, tool, METRE, (-reach, reach), description=meaning)
     tree.variable(f"{arm_path}/Mode", arm, text(state.mode.value), description="what the arm is doing")
     boolean = ua.VariantType.Boolean
     tree.variable(f"{arm_path}/AtRest", arm, ua.Variant(state.at_rest, boolean), description="nothing moves")
@@ -234,12 +216,15 @@ async def _add_arm(tree: Tree, path: str, root: ua.NodeId, model: ArmModel, meth
         description="false after a loss of contact, until Reset",
     )
     tree.variable(f"{arm_path}/Fault", arm, text(state.fault), description="what is wrong; empty: nothing")
-    override = tree.variable(
+    override = measured(
+        tree,
         f"{arm_path}/SpeedOverride",
         arm,
         number(state.override),
+        ONE,
+        (LOWEST_OVERRIDE, 1.0),
         writable=True,
-        description="fraction of the planned speed, 0.01 to 1",
+        description="fraction of the planned speed",
     )
     tree.server.restrict_writes(override, OPERATORS)  # type: ignore[attr-defined]
     for spec in (

@@ -9,6 +9,7 @@ import uuid
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+
 from cryptography import x509
 from cryptography.exceptions import UnsupportedAlgorithm
 from cryptography.hazmat.primitives import hashes, serialization
@@ -69,8 +70,8 @@ def ensure_server_certificate(
 ) -> ApplicationCertificate:
     """Return the server's certificate in a folder; make key and certificate if there are none yet.
 
-    Without an ``application_uri`` the certificate's is taken. A new certificate gets the one that was kept, or at the very
-    first start one of this installation alone.
+    Without an ``application_uri`` the certificate's is taken. A new certificate gets the one that was kept, or at
+    the very first start one of this installation alone.
     """
     names = dict.fromkeys(("localhost", "127.0.0.1", socket.gethostname(), *host_names))
     make_private(folder)

@@ -153,6 +153,124 @@ async def test_parameters_of_atomic_skills_have_unit_and_range(foreign: Foreign)
     assert set(await foreign.read("Machines/ws1/Equipment/Dispenser/AtomicSkills")) == {"Dispense"}
 
 
+PARTS = ("i=46", "i=47", "i=56", "i=17604")  # properties, components, add-ins
+DECLARED = (ua.AttributeIds.DataType, ua.AttributeIds.ValueRank)
+
+
+async def members(client: Client, nodes: list[ua.NodeId]) -> list[dict[str, ua.ReferenceDescription]]:
+    """Return what each node has, by browse name; of a name that stands twice, once too often."""
+    found: list[dict[str, ua.ReferenceDescription]] = []
+    for start in range(0, len(nodes), 20):
+        wanted = [
+            ua.BrowseDescription(one, ua.BrowseDirection.Forward, ua.NodeId(33), True, ResultMask=63)
+            for one in nodes[start : start + 20]
+        ]
+        for result in await client.uaclient.browse(ua.BrowseParameters(NodesToBrowse=wanted)):
+            targets = [one.NodeId for one in result.References]
+            assert len(targets) == len(set(targets)), "one node is referred to twice"
+            parts = [one for one in result.References if one.ReferenceTypeId.to_string() in PARTS]
+            found.append({f"{one.BrowseName.NamespaceIndex}:{one.BrowseName.Name}": one for one in parts})
+    return found
+
+
+async def declared_by(client: Client, kind: ua.NodeId) -> dict[str, ua.ReferenceDescription]:
+    """Return what a type and those above it declare."""
+    found: dict[str, ua.ReferenceDescription] = {}
+    above = [client.get_node(kind)]
+    while above:
+        (own,) = await members(client, [above[0].nodeid])
+        found = {**own, **found}
+        above = await above[0].get_referenced_nodes(ua.ObjectIds.HasSubtype, ua.BrowseDirection.Inverse)
+    return found
+
+
+async def test_types_declare_what_their_instances_have(foreign: Foreign, learned: dict[str, Any]) -> None:
+    client, types = foreign.client, await foreign.client.get_namespace_index("urn:opcua-skill:types")
+    waiting = [
+        foreign.node("SkillLibrary").nodeid,
+        foreign.node("Machines/ws1").nodeid,
+        foreign.node("Machines/bare").nodeid,
+    ]
+    kinds = {node: await client.get_node(node).read_type_definition() for node in waiting}
+    seen: set[str] = set()
+    while waiting:
+        now, waiting = waiting, []
+        for node, has in zip(now, await members(client, now), strict=True):
+            waiting += [one.NodeId for one in has.values() if one.NodeClass == ua.NodeClass.Object]
+            kinds |= {one.NodeId: one.TypeDefinition for one in has.values()}
+            kind = kinds[node]
+            if kind.NamespaceIndex != types:
+                continue
+            seen.add(kind.Identifier)
+            said = await declared_by(client, kind)
+            assert sorted(has.keys() - said.keys()) == [], node.Identifier
+            missing = [
+                one.NodeId for name, one in said.items() if name not in has and one.NodeId.NamespaceIndex == types
+            ]
+            for member in missing:
+                (rule,) = await client.get_node(member).get_referenced_nodes(ua.ObjectIds.HasModellingRule)
+                assert rule.nodeid.Identifier != ua.ObjectIds.ModellingRule_Mandatory, (node.Identifier, member)
+            pairs = [(one, said[name]) for name, one in has.items() if said[name].NodeId.NamespaceIndex == types]
+            assert all(one.NodeClass == of.NodeClass for one, of in pairs)
+            assert all(one.TypeDefinition == of.TypeDefinition for one, of in pairs)
+            values = [(one.NodeId, of.NodeId) for one, of in pairs if one.NodeClass == ua.NodeClass.Variable]
+            for attribute in DECLARED if values else ():
+                told = [
+                    await client.uaclient.read_attributes(list(side), attribute) for side in zip(*values, strict=True)
+                ]
+                assert [one.Value for one in told[0]] == [one.Value for one in told[1]], node.Identifier
+    assert {"WorkstationType", "ArmType", "RecorderType", "QueueType", "SkillType", "EquipmentType"} <= seen
+    assert {"AtomicSkillType", "SkillLibraryType", "LibraryLimitsType"} <= seen
+
+
+async def test_a_workstation_is_found_once_and_its_events_reach_the_server(foreign: Foreign) -> None:
+    machinery = await foreign.client.get_namespace_index("http://opcfoundation.org/UA/Machinery/")
+    machines = await foreign.client.nodes.objects.get_child(f"{machinery}:Machines")
+    found = [one.NodeId.Identifier for one in await machines.get_references() if one.IsForward]
+    assert found.count("Machines/ws1") == 1
+    heard = await foreign.client.nodes.server.get_referenced_nodes(ua.ObjectIds.HasNotifier)
+    assert "Machines/ws1" in [one.nodeid.Identifier for one in heard]
+
+
+UNITS = {
+    "Machines/ws1/Arm/Position": ("rad", b"C81"),
+    "Machines/ws1/Arm/ToolPose": ("m", b"MTR"),
+    "Machines/ws1/Arm/SpeedOverride": ("1", b"C62"),
+    "Machines/ws1/Skills/glue/Progress": ("1", b"C62"),
+    "Machines/ws1/Equipment/Arm/JointVelocityMaximum": ("rad/s", b"2A"),
+    "SkillLibrary/LongestHold": ("s", b"SEC"),
+    "SkillLibrary/Limits/MaxMessageSize": ("B", b"AD"),
+}
+
+
+async def test_numbers_have_unit_and_range(foreign: Foreign, learned: dict[str, Any]) -> None:
+    for path, (symbol, code) in UNITS.items():
+        unit, span = await foreign.read(f"{path}/EngineeringUnits"), await foreign.read(f"{path}/EURange")
+        assert (unit.DisplayName.Text, unit.UnitId) == (symbol, int.from_bytes(code, "big")), path
+        assert np.all(np.asarray(await foreign.read(path)) >= span.Low), path
+        assert np.all(np.asarray(await foreign.read(path)) <= span.High), path
+
+
+async def test_every_namespace_is_described_and_the_installation_named_once(
+    foreign: Foreign, app: SkillServerApp
+) -> None:
+    uris = await foreign.client.get_namespace_array()
+    described = {}
+    for one in await foreign.client.get_node(ua.NodeId(ua.ObjectIds.Server_Namespaces)).get_children():
+        values = {(await each.read_browse_name()).Name: each for each in await one.get_children()}
+        name = await one.read_browse_name()
+        assert uris[name.NamespaceIndex] == await values["NamespaceUri"].read_value() == name.Name
+        assert await values["NamespaceVersion"].read_value()
+        described[name.Name] = await values["NamespacePublicationDate"].read_value()
+    assert set(described) == set(uris)
+    own = app.server.certificate
+    assert own is not None
+    servers = await foreign.client.get_node(ua.NodeId(ua.ObjectIds.Server_ServerArray)).read_value()
+    assert servers[0] == uris[1] == own.application_uri
+    name = await foreign.read("Machines/ws1/Identification/ProductInstanceUri")
+    assert name == f"urn:opcua-skill:workstation:{own.installation}:ws1"
+
+
 async def test_limits_are_told(foreign: Foreign, app: SkillServerApp) -> None:
     assert await foreign.read("SkillLibrary/Limits/MaxDemonstrations") == app.settings.limits.max_demonstrations
 

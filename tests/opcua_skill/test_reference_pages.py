@@ -2,8 +2,10 @@
 
 import importlib.util
 import re
+from datetime import datetime
 from pathlib import Path
 from types import ModuleType
+from xml.etree import ElementTree
 
 import pytest
 
@@ -26,6 +28,21 @@ def test_the_configuration_page_lists_every_key(build: ModuleType) -> None:
 
 async def test_the_published_node_set_is_the_one_the_server_has(build: ModuleType) -> None:
     assert _definitions(build.NODE_SET.read_text(encoding="utf-8")) == _definitions(await build.node_set())
+
+
+def test_the_published_node_set_says_what_it_is_built_from(build: ModuleType) -> None:
+    root = ElementTree.parse(build.NODE_SET).getroot()
+    space = {"u": "http://opcfoundation.org/UA/2011/03/UANodeSet.xsd"}
+    uris = [one.text for one in root.findall("u:NamespaceUris/u:Uri", space)]
+    (model,) = root.findall("u:Models/u:Model", space)
+    required = model.findall("u:RequiredModel", space)
+    assert model.get("ModelUri") == "urn:opcua-skill:types"
+    assert sorted([model.get("ModelUri"), *(one.get("ModelUri") for one in required)]) == sorted(
+        [build.STANDARD, *uris]
+    )
+    for one in (model, *required):
+        assert one.get("Version")
+        assert datetime.fromisoformat(one.get("PublicationDate", "")).year >= 2019
 
 
 def _definitions(text: str) -> str:
