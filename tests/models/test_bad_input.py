@@ -14,7 +14,7 @@ from models.learning import LearnedMotion, LearningOptions, learn
 from models.people import simulated_people
 
 PEOPLE, TRUTH = simulated_people(4, 0)
-RELAXED = settings(deadline=None, max_examples=40, suppress_health_check=list(HealthCheck))
+RELAXED = settings(deadline=None, max_examples=16, suppress_health_check=list(HealthCheck))
 
 
 def drawn(points: np.ndarray, name: str = "one", duration: float = 5.0) -> Demonstration:
