@@ -71,9 +71,11 @@ def again(edit: Any) -> dict[str, ua.Variant]:
 async def outcome(client: SkillClient, method: str, arguments: dict[str, ua.Variant]) -> tuple[str, Any]:
     """Return how a call ended and which argument was at fault."""
     try:
-        await client.session.call(LIBRARY, method, **arguments)
+        answer = await client.session.call(LIBRARY, method, **arguments)
     except Refused as refused:
         return refused.status, refused.argument
+    if method in {"LearnFromDemonstration", "LearnAgain"}:
+        await client.follow(answer[0])  # on a slow machine it still runs, and only so many may wait
     return "Good", ""
 
 
