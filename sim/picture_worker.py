@@ -15,7 +15,8 @@ from matplotlib.patches import Rectangle
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
-from sim.arm import ArmModel
+from sim.arm import ArmModel, Floats
+from sim.clearance import PART_BORDER
 from sim.plan import MotionPlan
 from sim.scene import Line, Scene, at_work, from_nearby, path_lines, png, show_rows, webp, whole_arm
 from sim.silence import silent
@@ -84,8 +85,9 @@ def _top_view(model: ArmModel, plan: MotionPlan) -> bytes:
     speed = np.sqrt((np.diff(local, axis=0) ** 2).sum(axis=1)) / plan.order.time_step
     figure = Figure(figsize=(6.4, 7.6), dpi=200, layout="constrained")
     axes = figure.subplots()
-    low, high = local[:, :2].min(axis=0), local[:, :2].max(axis=0)
-    axes.add_patch(Rectangle(tuple(low - 10), *(high - low + 20), facecolor="#eef4fb", edgecolor="#30363d", lw=1.0))
+    low, high, look = plate_of(plan, local)
+    axes.add_patch(Rectangle(tuple(low), *(high - low), lw=1.0, **look))
+    low, high = np.minimum(low, local[:, :2].min(axis=0)), np.maximum(high, local[:, :2].max(axis=0))
     pieces = np.stack([local[:-1, :2], local[1:, :2]], axis=1)
     wet = LineCollection(list(pieces[valve[:-1]]), cmap="viridis", linewidths=4.0, capstyle="round", zorder=2)
     wet.set_array(speed[valve[:-1]])
@@ -100,7 +102,7 @@ def _top_view(model: ArmModel, plan: MotionPlan) -> bytes:
     ):
         axes.scatter(local[at, 0], local[at, 1], s=110, c=colour, marker=marker, zorder=4, label=label, linewidths=0)
     axes.set_aspect("equal")
-    margin = 16
+    margin = 6
     axes.set_xlim(low[0] - margin, high[0] + margin)
     axes.set_ylim(low[1] - margin, high[1] + margin)
     axes.set_xlabel("x in mm, part's frame")
@@ -130,6 +132,16 @@ def _top_view(model: ArmModel, plan: MotionPlan) -> bytes:
     out = io.BytesIO()
     figure.savefig(out, format="png")
     return out.getvalue()
+
+
+def plate_of(plan: MotionPlan, local: Floats) -> tuple[Floats, Floats, dict[str, str]]:
+    """Return two corners of the part in mm in its frame, and its look: dashed where the recipe does not say."""
+    plate = plan.order.plate
+    if plate is None:
+        low, high = local[:, :2].min(axis=0) - 1e3 * PART_BORDER, local[:, :2].max(axis=0) + 1e3 * PART_BORDER
+        return low, high, {"facecolor": "none", "edgecolor": "#5b6b7b", "linestyle": ":"}
+    corner, size = 1e3 * np.array(plate[:2]), 1e3 * np.array(plate[2:])
+    return corner, corner + size, {"facecolor": "#eef4fb", "edgecolor": "#30363d", "linestyle": "-"}
 
 
 DRAWINGS = {"still": still, "card": card, "animation": animation}

@@ -12,6 +12,7 @@ from opcua_skill.panel.chart import packed
 from opcua_skill.panel.words import Words
 
 SHOWN_SAMPLES = 1500
+LONGER, STANDS = 3.0, 1e-6
 STATIC = FilePath(__file__).parent / "static"
 ECHARTS = EChart  # importing it puts its bundle on the page, which the component below draws with
 
@@ -35,6 +36,7 @@ class Player(Element, component=STATIC / "player.js", esm={"panel-links": str(ST
             "comma": words.figures("0.5")[1],
             "arm": words("Whole arm"),
             "near": words("Path only"),
+            "paused": words("paused on the path"),
         }
         self._props["height"] = height
 
@@ -59,13 +61,15 @@ class Player(Element, component=STATIC / "player.js", esm={"panel-links": str(ST
 
         Without joints the arm is not drawn; ``measured`` says what its numbers are: measured, or simulated.
         """
-        shown = spread(len(trace.times))
+        stood = pauses(trace)
+        shown = sorted({*spread(len(trace.times)), *stood, *(row + 1 for row in stood)})
         self.run_method(
             "load",
             {
                 "job": job_id,
                 "title": title,
                 "measured_word": measured,
+                "pauses": [np.round(trace.times[row : row + 2], 4).tolist() for row in stood],
                 "times": np.round(trace.times[shown], 4).tolist(),
                 "commanded": np.round(1000.0 * trace.commanded[shown, :3], 3).tolist(),
                 "measured": np.round(1000.0 * trace.measured[shown, :3], 3).tolist(),
@@ -93,6 +97,15 @@ class Player(Element, component=STATIC / "player.js", esm={"panel-links": str(ST
 def spread(count: int) -> list[int]:
     """Return which of ``count`` samples are shown: the first, the last, and evenly between."""
     return np.unique(np.linspace(0, count - 1, min(count, SHOWN_SAMPLES)).round().astype(int)).tolist() if count else []
+
+
+def pauses(trace: JobTrace) -> list[int]:
+    """Return after which rows a run stood still: the next row is later than any step, and at the same place."""
+    if len(trace.times) < 3:
+        return []
+    steps = np.diff(trace.times)
+    moved = np.sqrt((np.diff(trace.commanded[:, :3], axis=0) ** 2).sum(axis=1))
+    return np.flatnonzero((steps > LONGER * np.median(steps)) & (moved < STANDS)).tolist()
 
 
 def in_base(path: Path, recipe: Recipe) -> Floats:

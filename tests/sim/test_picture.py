@@ -3,6 +3,7 @@
 import asyncio
 import io
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from PIL import Image
 
 from sim import arms, picture
 from sim.picture import PictureFailed
+from sim.picture_worker import plate_of
 from sim.plan import MotionOrder
 
 
@@ -32,6 +34,18 @@ async def test_the_operator_card_shows_arm_nozzle_and_path(planned):
     work = image.crop((768, 0, 1528, 760))
     assert pixels_near(work, (235, 110, 20)) > 500
     assert pixels_near(work, (40, 90, 200)) > 500
+
+
+def test_the_card_shows_the_part_that_the_recipe_names_and_else_what_is_kept_clear(planned):
+    plan = planned(MotionOrder(time_step=0.008, timing="constant_speed", speed=0.03))
+    path = np.array([[0.0, 10.0, 0.0], [30.0, 90.0, 0.0]])
+    low, high, look = plate_of(plan, path)
+    assert (low.tolist(), high.tolist(), look["linestyle"]) == ([-20.0, -10.0], [50.0, 110.0], ":")
+    named = replace(plan, order=replace(plan.order, part_x=-0.02, part_y=-0.01, part_length=0.12, part_width=0.2))
+    low, high, look = plate_of(named, path)
+    assert low == pytest.approx([-20.0, -10.0])
+    assert high == pytest.approx([100.0, 190.0])
+    assert look["linestyle"] == "-"
 
 
 @pytest.mark.slow

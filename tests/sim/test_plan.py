@@ -202,6 +202,17 @@ def test_a_time_step_that_is_too_long_for_a_corner_slows_it_down_or_is_refused_w
     assert never.findings[0].limit < 50.0
 
 
+@pytest.mark.parametrize("aside", [1e-5, 8.7e-5, 3e-4])
+def test_a_kink_however_short_costs_no_more_than_a_corner(panda, aside):
+    order = MotionOrder(time_step=0.008, timing="time_optimal", frame=panda.part_frame)
+    times = []
+    for step in (aside, 1e-3):
+        corners = ((0.0, 0.0), (0.0, 0.04), (step, 0.04), (step, 0.08))
+        kinked = plan_motion(DrawnMotion(corners=corners, radius=0.0), order, panda)
+        times.append(kinked.report["path_duration"])
+    assert times[0] <= 1.1 * times[1]
+
+
 def test_a_motion_that_stands_still_is_refused(panda):
     point = DrawnMotion(corners=((0.0, 0.0), (1e-7, 0.0)))
     assert refused(MotionOrder(), point).failure == "ParameterInvalid"

@@ -55,7 +55,7 @@ export default {
     arm(chain) { this.chain = chain; this.drawSpace(); },
     // joints now, rad
     pose(joints) { this.joints = joints; if (!this.run) this.drawSpace(); },
-    // run: times [s], commanded and measured [[x, y, z] mm], joints: packed, rad, or empty
+    // run: pauses [[from, until] s], times [s], commanded and measured [[x, y, z] mm], joints: packed, rad, or empty
     load(run) {
       this.run = run; this.trail = []; this.title = run.title; this.measured = run.measured_word; this.playing = false;
       const bytes = Uint8Array.from(atob(run.joints), (c) => c.charCodeAt(0));
@@ -91,13 +91,18 @@ export default {
       while (low < high) { const mid = (low + high + 1) >> 1; if (t[mid] <= this.at) low = mid; else high = mid - 1; }
       return low;
     },
+    // where and for how long the run stood still
+    stood() {
+      return (this.run?.pauses || []).map(([from, until]) => ({ seconds: `❚❚ ${this.figure(until - from, 1)} s`, at: this.run.commanded[this.run.times.findIndex((t) => t >= from)] }));
+    },
     tick(value) { return String(value).replace(".", this.labels.comma); },
     figure(value, digits) { return value.toFixed(digits).replace(".", this.labels.comma); },
     away(i) { const m = this.run.measured[i], c = this.run.commanded[i]; return Math.hypot(m[0] - c[0], m[1] - c[1], m[2] - c[2]); },
     mark() {
       if (!this.run || !this.run.times.length) return;
       const i = this.index(), m = this.run.measured[i];
-      this.told = `${this.labels.replay} · ${this.measured} · x ${this.figure(m[0], 1)}  y ${this.figure(m[1], 1)}  z ${this.figure(m[2], 1)} mm · ${this.labels.away} ${this.figure(this.away(i), 3)} mm`;
+      const stands = this.run.pauses.some(([from, until]) => this.at >= from && this.at < until) ? ` · ❚❚ ${this.labels.paused}` : "";
+      this.told = `${this.labels.replay} · ${this.measured}${stands} · x ${this.figure(m[0], 1)}  y ${this.figure(m[1], 1)}  z ${this.figure(m[2], 1)} mm · ${this.labels.away} ${this.figure(this.away(i), 3)} mm`;
       this.update(m);
     },
     update(point) {
@@ -127,17 +132,21 @@ export default {
         grid: [{}, {}],
         xAxis: PATHS.map(([x], g) => this.axis(AXES[x], g, false)),
         yAxis: PATHS.map(([, y], g) => this.axis(AXES[y], g, true)),
-        series: [0, 1].flatMap((g) => [
+        series: PATHS.flatMap(([x, y], g) => [
           this.line("planned", g, this.run ? [] : cut(this.planned, g), { color: SOFT, width: 2, type: "dashed" }, 1),
           this.line("commanded", g, this.run ? cut(this.run.commanded, g) : [], { color: BLUE, width: 4, opacity: 0.45 }, 2),
           this.line("measured", g, this.run ? cut(this.run.measured, g) : [], { color: VIOLET, width: 1.5 }, 3),
           // single readings, not a line: between two of them nobody looked, and a line would seem to cut corners
           { id: `trail${g}`, type: "scatter", xAxisIndex: g, yAxisIndex: g, silent: true, animation: false, z: 3, symbolSize: 5, itemStyle: { color: ORANGE }, data: this.run ? [] : cut(this.trail, g) },
+          { id: `pauses${g}`, type: "scatter", xAxisIndex: g, yAxisIndex: g, silent: true, animation: false, z: 4, symbol: "rect", symbolSize: 9, itemStyle: { color: VIOLET },
+            data: this.stood().map(({ seconds, at }) => ({ value: [at[x], at[y]], label: { show: true, position: "right", formatter: seconds, color: VIOLET, fontSize: 13 } })) },
           { id: `tip${g}`, type: "scatter", xAxisIndex: g, yAxisIndex: g, silent: true, animation: false, z: 9, symbol: this.run ? "emptyDiamond" : "circle", symbolSize: this.run ? 18 : 15, itemStyle: this.run ? { color: VIOLET, borderColor: VIOLET, borderWidth: 3 } : { color: ORANGE, borderColor: "white", borderWidth: 2 }, data: [] }]) }, { notMerge: true });
       this.fit();
     },
     drawTime() {
       const run = this.run, rows = [0, 1, 2, 3], height = this.chart.getHeight();
+      const stood = { silent: true, itemStyle: { color: VIOLET, opacity: 0.14 }, label: { color: VIOLET, fontSize: 13, position: "insideTop" } };
+      const bands = (g) => (run?.pauses || []).map(([from, until], k) => [{ xAxis: from, name: g ? "" : this.stood()[k].seconds }, { xAxis: until }]);
       const over = (points, k) => run ? run.times.map((t, i) => [t, points[i][k]]) : [];
       this.chart.setOption({ animation: false,
         grid: rows.map((g) => ({ left: 64, right: 16, top: 8 + (g * (height - 44)) / 4, height: (height - 44) / 4 - 16 })),
@@ -146,6 +155,7 @@ export default {
         series: rows.flatMap((g) => [
           ...(g < 3 ? [this.line("commanded", g, over(run?.commanded, g), { color: BLUE, width: 4, opacity: 0.45 }, 2), this.line("measured", g, over(run?.measured, g), { color: VIOLET, width: 1.5 }, 3)]
             : [this.line("error", g, run ? run.times.map((t, i) => [t, this.away(i)]) : [], { color: VIOLET, width: 1.5 }, 3)]),
+          { ...this.line("stood", g, [], {}, 1), markArea: { ...stood, data: bands(g) } },
           { ...this.line("now", g, [], {}, 9), markLine: { silent: true, symbol: "none", animation: false, label: { show: false }, lineStyle: { color: INK, type: "solid" }, data: run ? [{ xAxis: this.at }] : [] } }]) }, { notMerge: true });
     },
     // The view in space: turned about the vertical and tipped, with equal scales, seen from far away.

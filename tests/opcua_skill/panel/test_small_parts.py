@@ -9,11 +9,11 @@ import pytest
 
 from library.errors import ReaderError
 from opcua_skill import panel
+from opcua_skill.client import JobTrace, Recipe
 from opcua_skill.client import Path as LearnedPath
-from opcua_skill.client import Recipe
 from opcua_skill.panel.app import Address
 from opcua_skill.panel.frame import may_move, stopped
-from opcua_skill.panel.player import in_base
+from opcua_skill.panel.player import in_base, pauses
 from opcua_skill.panel.recipe_fields import FIELDS
 from opcua_skill.panel.session import PanelSession, Station
 from opcua_skill.panel.sessions import Sessions
@@ -41,6 +41,13 @@ def test_no_page_has_a_dialog() -> None:
         source = file.read_text(encoding="utf-8")
         assert "ui.dialog" not in source, file
         assert source.count("ui.select(") == (1 if file.name == "frame.py" else 0), f"{file}: use choose()"
+
+
+def test_a_replay_knows_where_a_run_stood_still_and_not_where_it_was_slow() -> None:
+    times = np.array([0.0, 0.02, 0.04, 5.04, 5.06, 5.30, 5.32, 5.34, 5.36])
+    way = np.array([0.0, 1.0, 2.0, 2.0, 3.0, 4.0, 5.0, 5.0, 5.0])[:, None] * np.array([1e-3, 0.0, 0.0])
+    assert pauses(JobTrace(times, way, way)) == [2], "the two rows of the pause; a late row elsewhere moved meanwhile"
+    assert pauses(JobTrace(times[:2], way[:2], way[:2])) == []
 
 
 def test_a_stroke_is_a_demonstration_in_metres_and_seconds() -> None:
