@@ -7,6 +7,8 @@ from sim.kinematics import Kinematics
 
 SEEDS = 8
 NUMBER = 11
+# What is farther than that, in m and rad, when looked for from far away is not worth Newton's steps.
+NEAR, NEAR_TURN = 5e-3, 0.05
 
 
 def seeds(chain: Kinematics, count: int = SEEDS) -> Floats:
@@ -24,10 +26,12 @@ def reaching(chain: Kinematics, points: Floats, rotation: Floats, starts: Floats
     count, tries = len(points), len(starts)
     goal = np.repeat(points, tries, axis=0)
     near = chain.nearest(goal, rotation, np.tile(starts, (count, 1)))
-    solved = chain.refine(goal, rotation, near.joints)
+    joints, good = near.joints, np.zeros(count * tries, dtype=np.bool_)
+    close = np.flatnonzero((near.position_error < NEAR) & (near.angle_error < NEAR_TURN))
+    solved = chain.refine(goal[close], rotation, joints[close])
     inside = ((solved.joints >= chain.lower - 1e-9) & (solved.joints <= chain.upper + 1e-9)).all(axis=1)
-    good = np.asarray(solved.reached & inside, dtype=np.bool_)
-    return solved.joints.reshape(count, tries, chain.dof), good.reshape(count, tries)
+    joints[close], good[close] = solved.joints, solved.reached & inside
+    return joints.reshape(count, tries, chain.dof), good.reshape(count, tries)
 
 
 def reachable(chain: Kinematics, points: Floats, rotation: Floats) -> Bools:

@@ -127,7 +127,7 @@ def test_what_somebody_should_look_at_is_a_warning_and_the_arm_can_be_used(tmp_p
     assert arms.read_files(stem).dof == 3
 
 
-@settings(deadline=None, max_examples=20)
+@settings(deadline=None, max_examples=12)
 @given(st.data())
 def test_what_passes_the_check_is_loaded_and_what_does_not_never_raises(tmp_path_factory, data):
     stem = folder(tmp_path_factory.mktemp("arm"))
