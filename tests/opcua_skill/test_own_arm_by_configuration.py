@@ -72,6 +72,8 @@ def test_a_workstation_whose_arm_cannot_be_used_is_refused_when_the_server_start
         assert "workstation ws1" in str(caught.value)
         assert words in str(caught.value)
     Arms(Settings(workstations=(station(arm=str(tmp_path), collisions="not checked"),)))
+    with pytest.raises(Fault, match="panda has no tool 'needle': its limits file names none"):
+        Arms(Settings(workstations=(station(tool={"name": "needle"}),)))
 
 
 def test_what_a_workstation_changes_is_in_its_arms_digest() -> None:

@@ -21,6 +21,10 @@ class TestKinematicGantry(TestKinematicUR5e):
     name = "gantry"
 
 
+class TestKinematicScara(TestKinematicUR5e):
+    name = "scara"
+
+
 async def test_an_arm_whose_joints_slide_is_simulated_by_pybullet():
     arm = PyBulletArm(own_arm("gantry"), realtime=False)
     await arm.open()
