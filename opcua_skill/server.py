@@ -155,20 +155,9 @@ class SkillServerApp:
             self._audit = AuditWriter(self.library, self._health.recorded)
             self._audit.start()
             undo.push_async_callback(self._audit.stop)
-            self.jobs = JobEngine(
-                self.library,
-                settings,
-                self._models,
-                self._arm_factory,
-                self._job_changed,
-                self._version_changed,
-                self._queue_changed,
-            )
-            # The arms' processes start while the address space is built: half of a start is waiting for them.
-            starting = asyncio.create_task(self.jobs.start(), name="start jobs")
-            undo.push_async_callback(self._stop_jobs, starting)
             await self._build()
-            await starting
+            undo.push_async_callback(self.jobs.stop)
+            await self.jobs.start()
             for workstation in settings.workstations:
                 await self._add_workstation(workstation.name)
             self._tidings.on_deployment.append(self._deployment_changed)
@@ -213,6 +202,15 @@ class SkillServerApp:
         await add_types(self._tree)
         await add_namespaces(self._tree)
         self._tidings = Tidings(self._tree)
+        self.jobs = JobEngine(
+            self.library,
+            settings,
+            self._models,
+            self._arm_factory,
+            self._job_changed,
+            self._tidings.version_changed,
+            self._queue_changed,
+        )
         methods = LibraryMethods(self.library, self.jobs, settings, self._tidings)
         self._methods = methods
         largest = self.server.stack_limits.largest_message
@@ -222,12 +220,6 @@ class SkillServerApp:
         iserver = self.server.iserver
         self._standing = Standing(iserver, self.library, self._authenticator, self._record_standing)
         await add_sessions(self._tree, SessionMethods(iserver, iserver.end_session))
-
-    async def _stop_jobs(self, starting: asyncio.Task[None]) -> None:
-        """Give up a start that another part has spoiled."""
-        starting.cancel()
-        await asyncio.gather(starting, return_exceptions=True)
-        await self.jobs.stop()
 
     async def stop(self) -> None:
         """Stop every motion, then close the endpoint, the workers and the library."""
@@ -344,9 +336,6 @@ class SkillServerApp:
     async def _queue_changed(self, workstation: str, status: QueueStatus) -> None:
         if workstation in self._faces:
             await self._tidings.queue_changed(workstation, status)
-
-    async def _version_changed(self, description: SkillDescription, actor: str, comment: str) -> None:
-        await self._tidings.version_changed(description, actor, comment)
 
     async def _job_changed(self, report: JobReport) -> None:
         face = self._faces.get(report.workstation)

@@ -13,8 +13,6 @@ from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import connection
 from typing import Any, TypeVar
 
-PREPARED = ("opcua_skill.computations", "models.learning", "sklearn.mixture", "scipy.interpolate", "scipy.ndimage")
-"""What workers find imported: the server itself does without most of it."""
 # A socket's path has room for 103 characters; multiprocessing puts it into `pymp-xxxxxxxx/listener-xxxxxxxx`.
 LONGEST_TEMPORARY_FOLDER = 103 - 32
 
@@ -67,7 +65,7 @@ def _context() -> Any:
     if "forkserver" not in multiprocessing.get_all_start_methods() or not short:
         return multiprocessing.get_context("spawn")
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(list(PREPARED))
+    context.set_forkserver_preload(["opcua_skill.computations", "sklearn.mixture"])
     return context
 
 

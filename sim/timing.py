@@ -13,8 +13,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import scipy
 from ruckig import InputParameter, Result, Ruckig, Trajectory
+from scipy.interpolate import CubicHermiteSpline, make_interp_spline
+from scipy.ndimage import minimum_filter1d
 
 from sim.arm import Floats, Limits, PathLimits
 
@@ -63,7 +64,7 @@ class JointPath:
     def __init__(self, lengths: Floats, joints: Floats) -> None:
         self.lengths = lengths
         self.joints = joints
-        self.spline = scipy.interpolate.make_interp_spline(lengths, joints, k=5)
+        self.spline = make_interp_spline(lengths, joints, k=5)
         self.first, self.second, self.third = (np.abs(self.spline.derivative(k)(lengths)) for k in (1, 2, 3))
 
     def ceiling(self, limits: Limits, *, even: bool) -> Floats:
@@ -175,7 +176,7 @@ def _widened(lengths: Floats, top: Floats, swept: Floats, width: float) -> Float
     place = np.searchsorted(at, lengths)
     np.minimum.at(ceiling, np.clip(place, 0, len(at) - 1), top)
     np.minimum.at(ceiling, np.clip(place - 1, 0, len(at) - 1), top)
-    low = scipy.ndimage.minimum_filter1d(ceiling, 2 * math.ceil(0.5 * width / tick) + 1, mode="nearest")
+    low = minimum_filter1d(ceiling, 2 * math.ceil(0.5 * width / tick) + 1, mode="nearest")
     rising = np.concatenate([[True], np.diff(at) > 0.0])
     return np.interp(lengths, at[rising], low[rising])
 
@@ -194,9 +195,7 @@ def _smoothed(lengths: Floats, speeds: Floats, width: float) -> TimeLaw:
     at = np.maximum.accumulate(np.clip(at, start, end))
     at[0], at[-1] = start, end
     times = np.arange(len(at)) * float(times[1])
-    return TimeLaw(
-        float(times[-1]), start, end, scipy.interpolate.CubicHermiteSpline(times, at, _slopes(at, float(times[1])))
-    )
+    return TimeLaw(float(times[-1]), start, end, CubicHermiteSpline(times, at, _slopes(at, float(times[1]))))
 
 
 def _cut_flat(lengths: Floats, speeds: Floats, seconds: float) -> Floats:

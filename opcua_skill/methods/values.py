@@ -13,8 +13,7 @@ from library.description import JobReport, Recipe, SkillSummary
 from library.errors import InvalidValue
 from library.values import check_text
 from models.demonstration import Demonstration
-from models.options import LearningOptions
-from models.report import AlignedDemonstration
+from models.learning import AlignedDemonstration, LearningOptions
 from opcua_skill.methods.refusals import Code, out_of_range
 from opcua_skill.nodes.types import FAILURE_NUMBERS, NO_TIME
 from opcua_skill.settings import Limits

@@ -35,7 +35,6 @@ from opcua_skill.stack.calls import CheckedMethods
 from opcua_skill.stack.diagnostics import Diagnostics
 from opcua_skill.stack.events import deliver
 from opcua_skill.stack.limits import Limits
-from opcua_skill.stack.node_service import NodeService
 from opcua_skill.stack.sessions import Channel, Session, internal_user
 from opcua_skill.stack.subscriptions import Subscription, Subscriptions
 from opcua_skill.stack.values import SERVER, status_name
@@ -79,7 +78,6 @@ class SkillInternalServer(InternalServer):
         self.on_write: dict[ua.NodeId, Callable[[Any], Awaitable[None]]] = {}
         super().__init__(user_manager=_NobodyByDefault())
         self.allow_remote_admin = False
-        self.node_mgt_service = NodeService(self.aspace)
         self.method_service.stop()
         self.method_service = CheckedMethods(self.aspace)
         self.method_service.largest_answer = limits.largest_answer
