@@ -22,7 +22,7 @@ from tests.conftest import free_port
 DOCS = Path(__file__).parents[2] / "docs"
 PAGE = DOCS / "first-ten-minutes.md"
 BLOCK = re.compile(r"^```sh( refused)?\n(.*?)^```$", re.S | re.M)
-LIMIT = 120.0
+LIMIT = 300.0
 QUICK = '[{"name": "ws1", "driver": "kinematic", "realtime": false}]'
 
 
@@ -89,6 +89,7 @@ def blocks(page: Path) -> list[tuple[bool, str]]:
     return [(bool(refused), block) for refused, block in BLOCK.findall(page.read_text(encoding="utf-8"))]
 
 
+@pytest.mark.timeout(900)
 def test_the_first_page_ends_with_a_run_and_the_backup_page_with_a_library(newcomer: Newcomer) -> None:
     said: list[str] = []
     server = newcomer.folder
