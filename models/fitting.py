@@ -121,7 +121,8 @@ def _spread_of_the_next(known: Bools, basis: Floats, residuals: Floats, blocks: 
 
     What few people differ by where one component lives is pooled with what they differ by on the whole path, alike in
     all directions. The factors: the next one is off the mean by (n + 1) / (n - 1) times what n people's mean square
-    off it says, and as the square itself is unsure, by Student's quantile for Gauss's at two standard deviations.
+    off it says, and as the square itself is unsure, by Student's quantile for Gauss's at the mean square distance, so
+    that as many are within it as Gauss says.
     """
     width = residuals.shape[2]
     components = basis.shape[1] // 2
@@ -141,7 +142,7 @@ def _spread_of_the_next(known: Bools, basis: Floats, residuals: Floats, blocks: 
         size = block.stop - block.start
         pooled[block, block] = np.eye(size) * np.trace(whole[block, block]) / size
         sure = max(size * (free + WHOLE_PATH) - size + 1.0, 1.0)
-        student = float(size * fdtri(size, sure, chdtr(size, 4.0))) / 4.0
+        student = float(fdtri(size, sure, chdtr(size, size)))
         factors[block] = np.sqrt((people + 1.0) / free * student)
     mixed = (free * own + WHOLE_PATH * pooled) / (free + WHOLE_PATH)
     return mixed * np.outer(factors, factors)

@@ -277,7 +277,7 @@ def test_a_raster_has_a_component_for_each_line_and_no_path_bulges_at_its_joints
     assert lines <= learned.report.components <= 2 * lines
     path = learned.motion.points_at(np.linspace(0.0, 1.0, 2000))
     away = cKDTree(resampled(mean_of_whole(learned), 4000)).query(path)[0]
-    assert away.max() < max(1.3e-3, 4.0e-3 / np.sqrt(people))
+    assert away.max() < 1.3e-3
     assert path_rms(path, group.truth) < 1.35 * path_rms(group.agreed, group.truth)
 
 

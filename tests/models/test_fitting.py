@@ -41,7 +41,7 @@ def learned(people: Correspondence) -> Motion:
 def test_a_new_person_lies_within_one_two_and_three_deviations_as_often_as_foretold(number: int) -> None:
     generator = np.random.default_rng(number)
     shares: list[Floats] = []
-    for turn in range(6):
+    for turn in range(max(6, 120 // number)):
         truth = resampled(DRAWN[turn % 2], 200)
         people = drawn_by(truth, number, generator)
         points, covariances = learned(people).at_phases(np.linspace(0.0, 1.0, 200))
@@ -50,9 +50,9 @@ def test_a_new_person_lies_within_one_two_and_three_deviations_as_often_as_foret
         squares = (offsets * np.linalg.solve(covariances[None], offsets[..., None])[..., 0]).sum(axis=2)
         shares.append(np.array([(squares <= limit).mean() for limit in (1.0, 4.0, 9.0)]))
     one, two, three = 100.0 * np.mean(shares, axis=0)
-    assert one == pytest.approx(39.0, abs=10.0)
-    assert two == pytest.approx(86.0, abs=6.0)
-    assert three == pytest.approx(99.0, abs=4.0)
+    assert one == pytest.approx(39.3, abs=5.0)
+    assert two == pytest.approx(86.5, abs=4.0)
+    assert three == pytest.approx(98.9, abs=4.0)
 
 
 @settings(deadline=None, max_examples=6)
