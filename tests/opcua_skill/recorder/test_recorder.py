@@ -258,7 +258,7 @@ async def test_only_starting_finishing_and_discarding_are_recorded_in_the_audit_
 
 async def test_a_bare_opc_ua_client_can_record(plant: "Plant", recorder: Recorder) -> None:
     mine = plant.client_folder
-    client = Client(plant.url)
+    client = Client(plant.url, timeout=30, watchdog_intervall=30.0)
     client.application_uri = APPLICATION_URI
     client.set_user("teacher")
     client.set_password(PASSWORD)
