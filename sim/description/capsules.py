@@ -50,7 +50,8 @@ def fit(link: str, points: Floats) -> Fit:
     options = {"maxiter": 900, "xatol": 2e-5, "fatol": 1e-9, "adaptive": True}
     best = np.asarray(minimize(_volume, began, (corners,), "Nelder-Mead", options=options).x)
     # Adding zero: no minus zeros in the file.
-    start, end = np.round(best[:3], DIGITS) + 0.0, np.round(best[3:], DIGITS) + 0.0
+    rounded = np.asarray(np.round(best, DIGITS) + 0.0, dtype=np.float64)
+    start, end = rounded[:3], rounded[3:]
     radius = math.ceil(float(distances(points, start, end).max()) / ROUNDING + 1e-6) * ROUNDING
     x, y, z = (float(value) for value in start)
     capsule = Capsule(link, (x, y, z), tuple(float(value) for value in end), round(radius, DIGITS))  # type: ignore[arg-type]

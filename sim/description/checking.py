@@ -141,7 +141,7 @@ def _tip(values: dict[str, Any]) -> str:
 def _figures(description: urdf.Description, tip: str, values: dict[str, Any]) -> Iterator[ArmFinding]:
     """Yield what is odd in the numbers of the limits file by themselves, and beside the URDF's."""
     moving = [joint for joint in description.chain(tip) if joint.moves]
-    limits = values.get("limits") if isinstance(values.get("limits"), dict) else {}
+    limits = _table(values, "limits")
     for name, row in [*((row, limits.get(row)) for row in arms.ROWS), ("path", values.get("path"))]:
         if not isinstance(row, dict):
             text = f"the limits file has no {name} limits: give it a table with the numbers and their source"
@@ -155,9 +155,9 @@ def _figures(description: urdf.Description, tip: str, values: dict[str, Any]) ->
             "`opcua-skill arms describe` fits capsules to its meshes"
         )
         yield error("NoHull", "hull", text)
-    position = limits.get("position") if isinstance(limits.get("position"), dict) else {}
+    position = _table(limits, "position")
     lower, upper = _row(position.get("lower")), _row(position.get("upper"))
-    velocity = limits.get("velocity") if isinstance(limits.get("velocity"), dict) else {}
+    velocity = _table(limits, "velocity")
     speeds = _row(velocity.get("values"))
     home = _row(values.get("home"))
     for k, joint in enumerate(moving):
@@ -169,7 +169,7 @@ def _figures(description: urdf.Description, tip: str, values: dict[str, Any]) ->
         if k < len(speeds):
             yield from _speed(joint, speeds[k])
     for name in ("acceleration", "jerk"):
-        row = limits.get(name) if isinstance(limits.get(name), dict) else {}
+        row = _table(limits, name)
         for number, value in enumerate(_row(row.get("values")), start=1):
             if not value > 0.0:
                 where = f"limits.{name}"
@@ -210,6 +210,11 @@ def _speed(joint: urdf.JointRow, speed: float) -> Iterator[ArmFinding]:
     elif joint.velocity and speed > joint.velocity * (1.0 + WIDER):
         text = f"joint {name!r} may do {speed:g} by the limits file and {joint.velocity:g} by the URDF: make sure which"
         yield warning("LimitsWider", name, text)
+
+
+def _table(values: dict[str, Any], name: str) -> dict[str, Any]:
+    found = values.get(name)
+    return found if isinstance(found, dict) else {}
 
 
 def _row(values: Any) -> list[float]:

@@ -126,9 +126,9 @@ def _limits(moving: list[urdf.JointRow]) -> tuple[Limits, dict[str, str]]:
         "jerk": f"chosen low, full acceleration in {TO_PUSH:g} s: to be confirmed with the controller's manual",
     }
     pushes = [speed / TO_SPEED for speed in speeds]
-    rows = tuple(tuple(float(one) for one in row) for row in (lower, upper, speeds, pushes))
-    jerks = tuple(push / TO_PUSH for push in rows[3])
-    return Limits(*rows, jerks, tuple(sources.items())), sources
+    jerks = tuple(push / TO_PUSH for push in pushes)
+    limits = Limits(tuple(lower), tuple(upper), tuple(speeds), tuple(pushes), jerks, tuple(sources.items()))
+    return limits, sources
 
 
 def _turn(chain: Kinematics) -> bool:
