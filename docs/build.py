@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import Any, get_args
 from xml.etree.ElementTree import Element
 
-from asyncua import ua
 from asyncua.common.xmlexporter import XmlExporter
+from asyncua.ua.object_ids import ObjectIds
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
-from opcua_skill.nodes.tree import TYPES
+from opcua_skill.nodes.tree import TYPES, standard
 from opcua_skill.server import SkillServerApp
 from opcua_skill.settings import Settings
 from opcua_skill.stack.server import SkillServer
@@ -100,8 +100,8 @@ async def _say_models(server: SkillServer, root: Any) -> None:
     """Say which model this is, and which versions of which others it is built from (OPC 10000-6, F.5)."""
     used = [one.text for one in root.find("NamespaceUris")]
     models: dict[str, dict[str, str]] = {}
-    for node in await server.get_node(ua.NodeId(ua.ObjectIds.Server_Namespaces)).get_children():
-        values = {(await one.read_browse_name()).Name: await one.read_value() for one in await node.get_children()}
+    for node in await server.get_node(standard(ObjectIds.Server_Namespaces)).get_children():
+        values = {str((await one.read_browse_name()).Name): await one.read_value() for one in await node.get_children()}
         day = values["NamespacePublicationDate"].strftime("%Y-%m-%dT%H:%M:%SZ")
         uri, version = values["NamespaceUri"], values["NamespaceVersion"]
         models[uri] = {"ModelUri": uri, "Version": version, "PublicationDate": day}

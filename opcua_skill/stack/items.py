@@ -258,7 +258,7 @@ class Items(MonitoredItemService):
             return Codes.Good
         looked = FilterLooked(wanted, self._limits, self.aspace)
         result.FilterResult = looked.result
-        if not looked.code:
+        if not looked.code and isinstance(wanted, ua.EventFilter):
             item.filter = taken(wanted, looked)
             item.where_clause_evaluator = EventFilter(self.logger, self.aspace, item.filter.WhereClause)
         return looked.code

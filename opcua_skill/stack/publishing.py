@@ -30,12 +30,13 @@ class Publishing(UaProcessor):
         subscriptions, results = session.publish(params.SubscriptionAcknowledgements)
         request = PublishRequestData(requesthdr=header, seqhdr=seqhdr, results=results)
         while not session.notices and self._publish_results_subs:
-            known = session.subscription_service.subscriptions
+            known = session.iserver.subscription_service.subscriptions
             waiting = max(self._publish_results_subs, key=lambda one: known[one].priority if one in known else 0)
             del self._publish_results_subs[waiting]
             subscription = known.get(waiting)
-            ours = subscription is not None and subscription.session_id == session.session_id
-            if ours and await subscription.publish_results(request):
+            if subscription is None or subscription.session_id != session.session_id:
+                continue
+            if await subscription.publish_results(request):
                 return
         if len(self._publish_requests) >= self.publish_request_limit(subscriptions):
             self._evict_publish_request()
@@ -62,18 +63,19 @@ class Publishing(UaProcessor):
 
     def cancel_publish_requests(self, handle: int) -> int:
         """Answer the publish requests of a handle as cancelled, and return how many there were."""
-        cancelled = [one for one in self._publish_requests if one.requesthdr.RequestHandle == handle]
+        waiting: Any = self._publish_requests
+        cancelled = [one for one in waiting if one.requesthdr.RequestHandle == handle]
         for request in cancelled:
             self._publish_requests.remove(request)
             self._release(request, Codes.BadRequestCancelledByClient)
         return len(cancelled)
 
-    def _release(self, request: PublishRequestData, code: int) -> None:
+    def _release(self, request: Any, code: int) -> None:
         response = ua.ServiceFault()
         response.ResponseHeader.ServiceResult = status(code)
         self.send_response(request.requesthdr.RequestHandle, request.seqhdr, response)
 
-    def _next_publish_request(self) -> PublishRequestData | None:
+    def _next_publish_request(self) -> Any:
         now = time.monotonic()
         while self._publish_requests:
             request = self._publish_requests.popleft()
