@@ -202,7 +202,7 @@ GERMAN: dict[str, str] = RUNNING | {
     "Abort": "Abbrechen",
     "Go to the start": "Zum Start fahren",
     "Speed override": "Geschwindigkeit",
-    "waiting": "warten",
+    "waiting": "wartend",
     "speed of the animation": "Geschwindigkeit der Wiedergabe",
     "measured from commanded": "gemessen gegen befohlen",
     "Measured from commanded: RMS / largest": "Gemessen gegen befohlen: RMS / größter",

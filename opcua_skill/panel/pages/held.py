@@ -17,6 +17,7 @@ BECAUSE = {
     "UnfinishedAtStart": "something was unfinished when the server ended",
     "Requested": "somebody asked for it",
 }
+OURS = ("arm", "server")  # every other one is a user, whose name is nobody's to translate
 STEPS = (
     "Nothing begins until somebody releases the queue. Before that: reset the arm if it waits for it, and send it to "
     "the start (below, at the arm)."
@@ -64,7 +65,7 @@ class HeldQueue:
     def _said(self, queue: QueueStatus) -> str:
         words = self.words
         since = f", {words('since')} {queue.since.astimezone():%Y-%m-%d %H:%M:%S}" if queue.since else ""
-        who = f", {words('by')} {words(queue.by)}" if queue.by else ""
+        who = f", {words('by')} {words(queue.by) if queue.by in OURS else queue.by}" if queue.by else ""
         waiting = f" {queue.waiting} {words('waiting')}." if queue.waiting else ""
         return f"■ {words('QUEUE HELD')}: {words(BECAUSE.get(queue.because, queue.because))}{who}{since}.{waiting}"
 

@@ -36,7 +36,7 @@ class JobTable:
         download: Callable[[JobReport], Awaitable[None]],
     ) -> None:
         self.frame, self.words, self.play, self.download = frame, frame.words, play, download
-        with ui.element("table").classes("panel-table jobs-table").props('data-mark="jobs"') as table:
+        with ui.element("table").classes("panel-table jobs-table run-jobs").props('data-mark="jobs"') as table:
             self.table = table
         self.told = ""
 

@@ -119,7 +119,7 @@ export default {
     points() { return this.run ? [...this.run.commanded, ...this.run.measured] : [...this.planned, ...this.trail]; },
     axis(name, g, vertical) {
       return { type: "value", gridIndex: g, name, nameLocation: "middle", nameGap: vertical ? 42 : 26, scale: true, axisLine: { onZero: false, show: true, lineStyle: { color: INK } },
-        splitLine: { lineStyle: { color: "#e8ecf0" } }, axisLabel: { showMinLabel: false, showMaxLabel: false, formatter: this.tick } };
+        splitLine: { lineStyle: { color: "#e8ecf0" } }, splitNumber: this.chart.getWidth() < 500 ? 2 : 5, axisLabel: { showMinLabel: false, showMaxLabel: false, hideOverlap: true, formatter: this.tick } };
     },
     line(id, g, data, lineStyle, z) { return { id: `${id}${g}`, type: "line", xAxisIndex: g, yAxisIndex: g, showSymbol: false, silent: true, animation: false, z, lineStyle, data }; },
     draw() {
@@ -150,7 +150,7 @@ export default {
       const over = (points, k) => run ? run.times.map((t, i) => [t, points[i][k]]) : [];
       this.chart.setOption({ animation: false,
         grid: rows.map((g) => ({ left: 64, right: 16, top: 8 + (g * (height - 44)) / 4, height: (height - 44) / 4 - 16 })),
-        xAxis: rows.map((g) => ({ ...this.axis(g === 3 ? `${this.labels.time} (s)` : "", g, false), min: 0, max: run ? this.length : 1, axisLabel: { show: g === 3, formatter: this.tick } })),
+        xAxis: rows.map((g) => ({ ...this.axis(g === 3 ? `${this.labels.time} (s)` : "", g, false), min: 0, max: run ? this.length : 1, axisLabel: { show: g === 3, showMaxLabel: false, formatter: this.tick } })),
         yAxis: rows.map((g) => ({ ...this.axis(g === 3 ? this.labels.error : AXES[g], g, true), splitNumber: 3, scale: g < 3 })),
         series: rows.flatMap((g) => [
           ...(g < 3 ? [this.line("commanded", g, over(run?.commanded, g), { color: BLUE, width: 4, opacity: 0.45 }, 2), this.line("measured", g, over(run?.measured, g), { color: VIOLET, width: 1.5 }, 3)]
