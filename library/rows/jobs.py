@@ -114,17 +114,25 @@ def set_progress(connection: sql.Connection, job_id: str, progress: float) -> No
 
 
 def newest(connection: sql.Connection, state: str, workstation: str, limit: int) -> list[JobReport]:
-    """Return the newest jobs, the newest first; "" fits any state or workstation."""
+    """Return the newest jobs, the newest first; "" fits any state or workstation.
+
+    One that cannot be read comes as what its row still says. Where none of them all can be, Damaged is raised.
+    """
     if state and state not in set(JobState):
         raise InvalidValue("state", state, f"it is one of {', '.join(JobState)}, or empty for any")
     if not 0 <= limit <= MAX_LIMIT:
         raise InvalidValue("limit", limit, f"it is at most {MAX_LIMIT}; 0 stands for 100")
-    query = sql.select(jobs).order_by(jobs.c.number.desc()).limit(limit or 100)
+    query = sql.select(jobs).order_by(jobs.c.number.desc())
     if state:
         query = query.where(jobs.c.state == state)
     if workstation:
         query = query.where(jobs.c.workstation == workstation)
-    return [_report_or_damage(row) for row in connection.execute(query)]
+    found = [_report_or_damage(row) for row in connection.execute(query.limit(limit or 100))]
+    if found and not any(readable for _, readable in found):
+        everywhere = [_report_or_damage(row) for row in connection.execute(query.limit(MAX_LIMIT))]
+        if not any(readable for _, readable in everywhere):
+            raise Damaged("the list of jobs", found[0][0].message)
+    return [report for report, _ in found]
 
 
 def interrupt_unfinished(connection: sql.Connection) -> list[JobReport]:
@@ -212,12 +220,12 @@ def trace_row(connection: sql.Connection, job_id: str) -> sql.Row[Any]:
     return row
 
 
-def _report_or_damage(row: Any) -> JobReport:
-    """Return a job, or for one that cannot be read what its row still says: it must not keep the others from coming."""
+def _report_or_damage(row: Any) -> tuple[JobReport, bool]:
+    """Return a job, or for one that cannot be read what its row still says; and whether it can."""
     try:
-        return _report(row)
+        return _report(row), True
     except Damaged as damage:
-        return JobReport(
+        told = JobReport(
             job_id=row.job_id,
             kind="Execution" if row.workstation else "Learning",
             workstation=row.workstation,
@@ -227,6 +235,7 @@ def _report_or_damage(row: Any) -> JobReport:
             failure=Failure.INTERNAL,
             message=str(damage),
         )
+        return told, False
 
 
 def _report(row: Any) -> JobReport:

@@ -57,8 +57,13 @@ async def test_a_job_that_cannot_be_read_does_not_keep_the_others_from_coming(li
         ("j1", JobState.COMPLETED, Failure.NONE),
     ]
     assert "job j2" in found[1].message
+    assert [one.job_id for one in await library.jobs(workstation="ws1", limit=1)] == ["j3"]
     with pytest.raises(Damaged, match="job j2"):
         await library.job("j2")
+    every = sql.text("UPDATE jobs SET report = '[]'")
+    await library._database.write(lambda connection: connection.execute(every).close())
+    with pytest.raises(Damaged, match="list of jobs"):
+        await library.jobs(workstation="ws1", limit=1)
 
 
 async def test_a_job_keeps_what_it_is_told_on_the_way(library: SkillLibrary) -> None:
