@@ -210,9 +210,9 @@ def planning() -> Iterator[Row]:
     )  # fmt: skip
     spent = []
     for _ in range(3):
-        began = time.perf_counter()
+        began = time.process_time()
         all_checks(model, plan)
-        spent.append(time.perf_counter() - began)
+        spent.append(time.process_time() - began)
     yield row(
         "all checks of a 12 s path every 1 mm, s", min(spent), "the goal", 1.0, "at most 1 s", min(spent) <= 1.0, 3
     )
