@@ -67,6 +67,8 @@ class MotionSheet:
             self.job_told.text = f"{told} · {percent(job.progress)}{rest}"
             unasked = [words(BECAUSE.get(job.cause, job.cause))] if job.state == "Paused" and job.cause else []
             self.notes.text = "\n".join([*unasked, told_of_run(words.said, job)])
+            flagged = bool(unasked) or job.slowed_to > 0.0
+            self.notes.classes(replace=f"small lines {'check-flag' if flagged else 'soft'}")
             self.progress.value = job.progress
         may = session.live and session.may("run")
         self.pause.set_enabled(may and job is not None and job.state == "Running")
