@@ -408,6 +408,9 @@ async def test_a_stored_row_that_cannot_be_read_is_a_fault_inside_with_an_id_in_
     case: str, world: World
 ) -> None:
     statement, place, method, given = DAMAGE[case]
+    still = world.mes.workstation("still")
+    if not await still.jobs(limit=1):
+        await world.ended((await still.execute("corner", mode="simulation")).job_id, "still")
     table = statement.split()[1]
     arguments = (
         {name: wire.string(value) for name, value in given(world).items()}
