@@ -119,9 +119,7 @@ def read(path: str | Path, choices: Choices | None = None) -> list[Demonstration
         except (ReaderError, MemoryError):
             raise
         except Exception as error:  # whatever a stranger's reader stumbles over, the file is not read
-            raise ReaderError(
-                path, f"its reader failed: {error!r}", "is it damaged? else ask whoever wrote it"
-            ) from error
+            raise ReaderError(path, f"its reader failed: {error!r}", "ask whoever wrote that reader") from error
     if suffix in BINARY:
         return BINARY[suffix](path, choices)
     if suffix in TEXT_SUFFIXES:

@@ -11,6 +11,10 @@ from asyncua import ua
 from asyncua.common.xmlimporter import XmlImporter
 from asyncua.server.address_space import NodeData
 from asyncua.server.server import Server
+from asyncua.ua.attribute_ids import AttributeIds
+from asyncua.ua.object_ids import ObjectIds
+
+from opcua_skill.stack.values import node_id
 
 DI = "http://opcfoundation.org/UA/DI/"
 IA = "http://opcfoundation.org/UA/IA/"
@@ -18,22 +22,22 @@ MACHINERY = "http://opcfoundation.org/UA/Machinery/"
 NEEDED = ("di", "ia", "machinery")
 # References of which the target need not know (OPC 10000-3 and 10000-5), as asyncua's importer has them.
 ONE_WAY = frozenset(
-    ua.NodeId(number)
+    node_id(number)
     for number in (
-        ua.ObjectIds.GuardVariableType,
-        ua.ObjectIds.HasGuard,
-        ua.ObjectIds.TransitionVariableType,
-        ua.ObjectIds.StateMachineType,
-        ua.ObjectIds.StateVariableType,
-        ua.ObjectIds.TwoStateVariableType,
-        ua.ObjectIds.StateType,
-        ua.ObjectIds.TransitionType,
-        ua.ObjectIds.FiniteTransitionVariableType,
-        ua.ObjectIds.HasInterface,
+        ObjectIds.GuardVariableType,
+        ObjectIds.HasGuard,
+        ObjectIds.TransitionVariableType,
+        ObjectIds.StateMachineType,
+        ObjectIds.StateVariableType,
+        ObjectIds.TwoStateVariableType,
+        ObjectIds.StateType,
+        ObjectIds.TransitionType,
+        ObjectIds.FiniteTransitionVariableType,
+        ObjectIds.HasInterface,
     )
 )
 
-TYPE_DEFINITION = ua.NodeId(ua.ObjectIds.HasTypeDefinition)
+TYPE_DEFINITION = node_id(ObjectIds.HasTypeDefinition)
 _log = logging.getLogger(__name__)
 
 
@@ -74,7 +78,9 @@ class Importer(XmlImporter):
         super().__init__(server)
         self._space = server.iserver.aspace
 
-    async def _add_missing_reverse_references(self, new_nodes: list[ua.NodeId]) -> set[ua.NodeId]:
+    async def _add_missing_reverse_references(  # pyright: ignore[reportIncompatibleMethodOverride]
+        self, new_nodes: list[ua.NodeId]
+    ) -> set[ua.NodeId]:
         """Give the target of every reference of a new node one back; return the new nodes without any reference."""
         known: dict[ua.NodeId, set[tuple[ua.NodeId, ua.NodeId]]] = {}
         alone: set[ua.NodeId] = set()
@@ -100,7 +106,7 @@ def _back(reference: ua.ReferenceDescription, source: NodeData) -> ua.ReferenceD
     attributes = source.attributes
     node_class, name, shown = (
         attributes[one].value.Value.Value  # pyright: ignore[reportOptionalMemberAccess]
-        for one in (ua.AttributeIds.NodeClass, ua.AttributeIds.BrowseName, ua.AttributeIds.DisplayName)
+        for one in (AttributeIds.NodeClass, AttributeIds.BrowseName, AttributeIds.DisplayName)
     )
     back = ua.ReferenceDescription()
     back.ReferenceTypeId, back.IsForward, back.NodeId = (

@@ -117,7 +117,8 @@ def as_lines(followed: Followed, language: Language, tolerance: float, turn_tole
         return bool((line.inv() * turns[part]).magnitude().max() <= turn_tolerance)
 
     kept = _kept(len(grid), stops, good)
-    return Lines(grid[kept], points[kept], np.asarray(held[kept].as_quat(), dtype=np.float64), events)
+    how = np.asarray(held.as_quat(), dtype=np.float64)[kept]
+    return Lines(grid[kept], points[kept], how, events)
 
 
 def as_splines(followed: Followed, language: Language, tolerance: float, turn_tolerance: float) -> Splines:

@@ -137,9 +137,9 @@ def along_lines(read: Lines, times: Floats) -> tuple[Floats, Rotation]:
     row = np.clip(np.searchsorted(read.times, times, side="right") - 1, 0, len(read.times) - 2)
     share = (times - read.times[row]) / np.maximum(read.times[row + 1] - read.times[row], 1e-12)
     points = read.points[row] + share[:, None] * (read.points[row + 1] - read.points[row])
-    held = Rotation.from_quat(read.turns)
-    way = (held[row].inv() * held[row + 1]).as_rotvec()
-    return points, held[row] * Rotation.from_rotvec(share[:, None] * way)
+    held, then = Rotation.from_quat(read.turns[row]), Rotation.from_quat(read.turns[row + 1])
+    way = (held.inv() * then).as_rotvec()
+    return points, held * Rotation.from_rotvec(share[:, None] * way)
 
 
 def along_splines(read: Splines, times: Floats, arm: ArmModel) -> tuple[Floats, Rotation]:

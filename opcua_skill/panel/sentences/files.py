@@ -14,6 +14,8 @@ FILES = {
     "only {x} reads files that end in {y}": "nur {x} liest Dateien auf {y}",
     "export it from there as {x}": "von dort als {x} exportieren",
     "its reader crashed": "der Leser stürzte ab",
+    "its reader failed: {t}": "ihr Leser scheiterte: {t}",
+    "ask whoever wrote that reader": "fragen Sie, wer diesen Leser geschrieben hat",
     "the file is damaged: export it again": "die Datei ist beschädigt: neu exportieren",
     "it takes more than {n} MB of memory to read": "sie zu lesen braucht mehr als {n} MB Speicher",
     "export it again, or cut out what is needed": "neu exportieren, oder ausschneiden, was nötig ist",

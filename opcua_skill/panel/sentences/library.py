@@ -1,6 +1,7 @@
 """What server, library and jobs refuse or tell; and what goes wrong between panel and server."""
 
 LIBRARY = {
+    "the list of jobs": "die Liste der Aufträge",
     "there is no workstation {x} on this server: it has {x2}": (
         "an diesem Server gibt es keinen Arbeitsplatz {x}: er hat {x2}"
     ),

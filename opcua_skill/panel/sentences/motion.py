@@ -7,6 +7,9 @@ MOTION = {
     "{t} (and {n} more)": "{t} (und {n} weitere)",
     "plan {x}": "Plan {x}",
     # checks
+    "of {x} nobody has confirmed {y}: look at each in its limits file and take its name out of to_confirm": (
+        "von {x} hat niemand {y} bestätigt: jedes in der Grenzwertdatei ansehen und seinen Namen aus to_confirm nehmen"
+    ),
     "{t} is {x}: it has to be {t2}": "{t} ist {x}: erlaubt ist {t2}",
     "{t} is {n} s: it has to be {t2}": "{t} ist {n} s: erlaubt ist {t2}",
     "{t} is {n}: it has to be {t2}": "{t} ist {n}: erlaubt ist {t2}",

@@ -20,10 +20,22 @@ from opcua_skill.security.settings import SecuritySettings
 ROOT = Path(__file__).parents[3]
 ROOMS = ("models", "library", "sim", "opcua_skill")
 # Not seen at the panel: command lines, administration on the data folder, starts, drawings, the rest of OPC UA's stack.
-ELSEWHERE = ("gateway", "commands", "demo", "panel", "stack", "security", "migrations", "nodes")
+ELSEWHERE = (
+    "gateway",
+    "programs",
+    "description",
+    "commands",
+    "demo",
+    "panel",
+    "stack",
+    "security",
+    "migrations",
+    "nodes",
+)
 ALSO_ELSEWHERE = (
     "settings.py", "conformance.py", "figures.py", "cli.py", "picture.py", "picture_worker.py", "imperfection.py",
-    "people.py", "lasa.py", "atomic_skills.py", "server.py", "bullet_world.py", "pybullet_worker.py", "kinematics.py",
+    "backups.py", "restoring.py", "snapshots.py", "people.py", "lasa.py", "atomic_skills.py", "server.py",
+    "bullet_world.py", "pybullet_worker.py", "kinematics.py",
 )  # fmt: skip
 BUILT_IN = (
     "ValueError",
