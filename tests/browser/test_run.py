@@ -138,9 +138,8 @@ def test_three_strokes_are_learned_approved_by_another_and_run(
 def go_to_the_start(screen: Screen) -> None:
     """Bring the arm back to where every run starts, and let the next job begin."""
     screen.page.locator("[data-mark='home']:not([disabled])").click()
-    arm_says(screen, "moving")
-    arm_says(screen, "at rest")
-    screen.page.locator("[data-mark='release-queue']:not([disabled])").click()
+    # It can be released once the arm is home; the way there may be over before a busy page shows it.
+    screen.page.locator("[data-mark='release-queue']:not([disabled])").click(timeout=60_000)
     screen.marked("held").wait_for(state="hidden")
 
 

@@ -503,6 +503,8 @@ class Day(RuleBasedStateMachine):
         self.until("the arm comes to rest", lambda: not self.shift.station.lane.busy_with)
         self.run(self._all_waiting_aborted())
         self.put_right()
+        if self.shift.station.queue.held:  # contact was made only now, and showed what the arm was doing meanwhile
+            self.put_right()
         assert not self.shift.station.queue.held, self.shift.station.queue.status
         self.execute(None, 0)
         self.until("a job begins after the queue was released", lambda: self.arm.moves)
