@@ -1,4 +1,4 @@
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator
 
 import pytest
 import pytest_asyncio
@@ -13,11 +13,13 @@ async def shared_bench(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterato
         yield running
 
 
-@pytest.fixture
-def bench(shared_bench: Bench) -> Iterator[Bench]:
-    """One server for all tests of this folder, with its records cleared for each."""
+@pytest_asyncio.fixture(loop_scope="package")
+async def bench(shared_bench: Bench) -> Bench:
+    """One server for all tests of this folder, without records and waiting sessions of the test before."""
     shared_bench.records.clear()
-    yield shared_bench
+    for session in shared_bench.server.iserver.client_sessions():
+        await session.close_session(True)
+    return shared_bench
 
 
 @pytest_asyncio.fixture(scope="package", loop_scope="package")
