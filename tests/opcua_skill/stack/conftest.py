@@ -18,7 +18,8 @@ async def bench(shared_bench: Bench) -> Bench:
     """One server for all tests of this folder, without records and waiting sessions of the test before."""
     shared_bench.records.clear()
     for session in shared_bench.server.iserver.client_sessions():
-        await session.close_session(True)
+        if session.processor is None:
+            await session.close_session(True)
     return shared_bench
 
 
