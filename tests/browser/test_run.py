@@ -4,7 +4,6 @@ import contextlib
 import itertools
 import math
 import re
-import time
 from pathlib import Path
 from typing import Any
 
@@ -141,13 +140,11 @@ def test_three_strokes_are_learned_approved_by_another_and_run(
 def go_to_the_start(screen: Screen) -> None:
     """Bring the arm back to where every run starts, and let the next job begin."""
     screen.page.locator("[data-mark='home']:not([disabled])").click()
-    # The way there may be over before a busy page shows it; until it is, a release is refused.
-    held, deadline = screen.marked("held"), time.monotonic() + 90.0
-    while held.is_visible():
-        assert time.monotonic() < deadline
-        screen.page.locator("[data-mark='release-queue']:not([disabled])").click(timeout=60_000)
-        with contextlib.suppress(PlaywrightTimeout):
-            held.wait_for(state="hidden", timeout=2_000)
+    with contextlib.suppress(PlaywrightTimeout):  # the way there may be over before a busy page shows it
+        screen.page.locator("[data-mark='arm-state']", has_text="moving").wait_for(timeout=15_000)
+    arm_says(screen, "at rest")
+    screen.page.locator("[data-mark='release-queue']:not([disabled])").click(timeout=60_000)
+    screen.marked("held").wait_for(state="hidden")
 
 
 def stop_and_reset(screen: Screen, *, by_key: bool = False) -> None:
