@@ -18,7 +18,7 @@ from opcua_skill.stack.calls import Argument, MethodSpec, add_method
 from opcua_skill.stack.events import make_notifier
 
 PATH = "SkillLibrary"
-LONGEST_HOLD = 3600.0
+LONGEST_HOLD = 3600.0  # s, the upper end of the range that is told
 READERS = Role.OBSERVER.and_above
 OPERATORS = Role.OPERATOR.and_above
 TEACHERS = Role.TEACHER.and_above

@@ -23,7 +23,7 @@ from sim.arm import ArmModel
 from sim.gate import LOWEST_OVERRIDE
 from sim.kinematics import kinematics
 
-MACHINES = 1001
+MACHINES = 1001  # the folder Machines in the NodeSet of OPC 40001-1
 
 
 def specs(tree: Tree, methods: WorkstationMethods) -> tuple[MethodSpec, ...]:

@@ -10,7 +10,7 @@ from opcua_skill.programs.values import Header, Language, Lines, Options, Spline
 from sim.arm import Floats
 
 MINUTE = 60.0
-SLOW = 300.0
+SLOW = 300.0  # mm/min to the first place, a way that nobody has planned
 WORD = re.compile(r"([A-Z])(-?[0-9.]+)")
 TURN = "(nozzle x y z w "
 
