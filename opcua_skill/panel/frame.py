@@ -43,7 +43,11 @@ PANEL_SILENT = (
 BACK_SHOWN = 20.0
 PRESSED = "(event) => { event.currentTarget.pressed = true; emit(); }"
 CLICKED = "(event) => { if (!event.currentTarget.pressed) emit(); event.currentTarget.pressed = false; }"
-LEAVE = "() => location.assign('/sign-out?to=' + encodeURIComponent(location.pathname + location.search))"
+LEAVE = """() => {
+  window.leaving = true;
+  location.assign('/sign-out?to=' + encodeURIComponent(location.pathname + location.search));
+}"""
+REDRAW = "window.leaving || location.reload()"  # a reload would take back the step to another page that was asked for
 LANGUAGE_NAMES = {"en": "English", "de": "Deutsch"}
 MODE_WORDS = {
     "closed": "not in contact",
@@ -204,7 +208,7 @@ def _redraw_after_a_loss(frame: Frame) -> None:
         if session.times_recovered != seen and session.live:
             seen = session.times_recovered
             with frame.client:
-                ui.navigate.reload()
+                ui.run_javascript(REDRAW)
 
     frame.refreshers.append(look)
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
-from urllib.parse import quote
+from urllib.parse import quote, urlsplit
 
 import pytest
 from playwright.sync_api import Browser, BrowserContext, Locator, Page, sync_playwright
@@ -207,12 +207,18 @@ class Screens:
     def sign_in(self, user: str, to: str = "/", locale: str = "en-US", **more: Any) -> Screen:
         """Return a browser at which somebody has signed in and sees a page.
 
-        Signing in is the slow part: who has done so in an earlier test comes back with the same cookie.
+        Signing in is the slow part: who has done so in an earlier test comes back with the same cookie, as long as the
+        panel keeps a session at which nobody looks.
         """
         if (user, locale) in self.known:
-            return self.blank(locale, storage_state=self.known[user, locale], **more).go(to)
-        screen = self.blank(locale, **more)
-        screen.page.goto(f"{self.base}/sign-in?to={quote(to, safe='/')}")
+            screen = self.blank(locale, storage_state=self.known[user, locale], **more)
+            screen.page.goto(self.base + to)
+            screen.page.locator(".stop-motion, .sign-in").first.wait_for()
+            if urlsplit(screen.page.url).path != "/sign-in":
+                return screen
+        else:
+            screen = self.blank(locale, **more)
+            screen.page.goto(f"{self.base}/sign-in?to={quote(to, safe='/')}")
         screen.page.locator("input").nth(0).fill(user)
         screen.page.locator("input").nth(1).fill(PASSWORD)
         screen.page.locator("button").click()

@@ -1,6 +1,7 @@
 """The server dies and comes back: the panel says so, says that nothing is true meanwhile, and goes on by itself."""
 
 import os
+import re
 import signal
 import time
 from pathlib import Path
@@ -23,7 +24,11 @@ def test_a_killed_server_is_told_and_the_panel_recovers(plant: Any, screens: Scr
     screen.chart()
     screen.page.mouse.click(*screen.where(1, 100))
     wait_for_draft(screen, "samples struck (not learned yet)")
+    leaver, asked_to_leave = screens.sign_in("visitor", "/records"), []
+    leaver.page.route(re.compile("/sign-out"), lambda route: asked_to_leave.append(route))
     plant.kill()
+    leaver.marked("lost").get_by_text("No connection to the server").wait_for()
+    leaver.marked("next-person").dispatch_event("click")
     screen.marked("lost").get_by_text("No connection to the server").wait_for()
     screen.page.locator("[data-mark='arm-state']", has_text="state unknown").wait_for()
     screen.page.locator(".stop-motion").click()
@@ -33,6 +38,8 @@ def test_a_killed_server_is_told_and_the_panel_recovers(plant: Any, screens: Scr
     screen.marked("recovered").get_by_text("All of this page was read anew").wait_for(timeout=60_000)
     screen.page.locator("[data-mark='arm-state']", has_text="at rest").wait_for()
     wait_for_draft(screen, "samples struck (not learned yet)")
+    asked_to_leave[0].continue_()  # while it waited all pages were drawn anew, but one that is being left
+    leaver.page.wait_for_selector(".sign-in")
     told = screen.marked("stop-told")
     told.get_by_text("STOP MOTION DID NOT REACH").wait_for()  # it stays until somebody says that it was read
     told.get_by_role("button").click()

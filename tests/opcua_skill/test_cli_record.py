@@ -271,7 +271,7 @@ def heard(terminal: int, words: str, *, until: str) -> str:
 
 
 REFUSED = [
-    (("--on", "ws1"), 2, "either --from FILE or --udp PORT"),
+    (("--on", "ws1"), 2, "give one of --from FILE"),
     (("--on", "ws1", "--udp", "0", "--on-interrupt", "cry"), 2, "ask, finish, discard"),
     (("--on", "ws1", "--udp", "0", "--wait", "0.2"), 1, "nothing came to UDP"),
     (("--on", "ws1", "--udp", "0", "--bind", "203.0.113.7"), 1, "cannot be listened to"),
