@@ -21,7 +21,7 @@ from asyncua.ua.ua_binary import struct_to_binary
 
 from opcua_skill.nodes.nodesets import load_node_sets
 from opcua_skill.security import SecuritySettings
-from opcua_skill.stack.access import Identity, Peer, Role
+from opcua_skill.security.access import Identity, Peer, Role
 from opcua_skill.stack.calls import Argument, MethodSpec, add_method
 from opcua_skill.stack.internal import SkillInternalServer
 from opcua_skill.stack.limits import Limits

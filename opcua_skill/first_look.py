@@ -8,8 +8,8 @@ from library.names import doubles
 from library.private_files import loose
 from opcua_skill.data_lock import LOCK_FILE, Holder, database_file
 from opcua_skill.security import StoredUser
+from opcua_skill.security.access import Role
 from opcua_skill.settings import Settings
-from opcua_skill.stack.access import Role
 
 log = logging.getLogger(__name__)
 

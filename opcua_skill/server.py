@@ -49,8 +49,8 @@ from opcua_skill.nodes.tree import count as count_of
 from opcua_skill.nodes.types import add_types
 from opcua_skill.nodes.workstation import add_workstation
 from opcua_skill.security import Authenticator, SecuritySettings, ensure_server_certificate
+from opcua_skill.security.access import caller
 from opcua_skill.settings import Settings
-from opcua_skill.stack.access import caller
 from opcua_skill.stack.audit import SignInRecord, WriteRecord
 from opcua_skill.stack.calls import CallRecord, Refused
 from opcua_skill.stack.server import SkillServer

@@ -13,7 +13,7 @@ from typing import Any
 from cryptography import x509
 
 from opcua_skill.security import Authenticator, CertificateFault, StoredUser, UserStore
-from opcua_skill.stack.access import Identity
+from opcua_skill.security.access import Identity
 from opcua_skill.stack.internal import SkillInternalServer
 from opcua_skill.stack.sessions import Session
 

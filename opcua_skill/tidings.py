@@ -9,23 +9,14 @@ from asyncua.common.events import Event
 
 from library.description import Failure, JobReport, JobState, SkillDescription
 from opcua_skill.arm_queue import QueueStatus
-from opcua_skill.nodes.tree import Tree, count, text
-from opcua_skill.nodes.types import EVENT_TYPES, FAILURE_NUMBERS
+from opcua_skill.methods.values import FAILURE_NUMBERS
+from opcua_skill.nodes.queue import queue_values
+from opcua_skill.nodes.tree import Tree
+from opcua_skill.nodes.types import EVENT_TYPES
 
 FIELDS = {name: dict(fields) for name, _, fields in EVENT_TYPES}
 SEVERITY = {JobState.FAILED: 700, JobState.ABORTED: 500}
 Listener = Callable[..., Awaitable[None]]
-
-
-def queue_values(status: QueueStatus) -> dict[str, ua.Variant]:
-    """Return what the nodes show, and what an event about the queue says."""
-    return {
-        "State": text(status.state),
-        "HeldBecause": text(status.because.value),
-        "HeldBy": text(status.by),
-        "HeldSince": ua.Variant(status.since, ua.VariantType.DateTime),
-        "Waiting": count(status.waiting),
-    }
 
 
 class Tidings:

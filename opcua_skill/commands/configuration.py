@@ -1,9 +1,11 @@
-"""Options that server-side commands share, and the settings they lead to."""
+"""Options that server-side commands share, the settings they lead to, and the library that these lead to."""
 
+import asyncio
 import shlex
 import tomllib
+from collections.abc import Awaitable, Callable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 from pydantic import ValidationError
@@ -11,6 +13,10 @@ from pydantic import ValidationError
 from opcua_skill.commands.faults import Fault
 from opcua_skill.settings import Settings
 
+if TYPE_CHECKING:
+    from library.store import SkillLibrary
+
+Result = TypeVar("Result")
 Config = Annotated[
     Path | None, typer.Option("--config", exists=True, dir_okay=False, metavar="FILE", help="settings in TOML")
 ]
@@ -33,3 +39,22 @@ def load_settings(config: Path | None, **overrides: Any) -> Settings:
         raise Fault(f"{config or 'settings'}: {key}: {first['msg'].removeprefix('Value error, ')}") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise Fault(f"{config} is not TOML: {error}") from None
+
+
+def with_library(
+    settings: Settings, work: "Callable[[SkillLibrary], Awaitable[Result]]", *, may_make: bool = False
+) -> Result:
+    """Open the library of a data folder, do the work, close it; where there is none, only who adds to it makes one.
+
+    Its imports are slow: only these commands pay.
+    """
+    from library.store import SkillLibrary
+
+    async def opened() -> Result:
+        library = await SkillLibrary.open(settings.database_address, must_exist=not may_make)
+        try:
+            return await work(library)
+        finally:
+            await library.close()
+
+    return asyncio.run(opened())

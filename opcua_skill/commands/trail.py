@@ -5,6 +5,7 @@ import os
 from typing import TYPE_CHECKING
 
 from library.errors import LibraryError
+from opcua_skill.commands.configuration import with_library
 from opcua_skill.commands.output import note
 from opcua_skill.settings import Settings
 
@@ -31,8 +32,6 @@ def login() -> str:
 
 def record(settings: Settings, done: "AuditEntry") -> None:
     """Write an entry about what is no part of the library; say so where that cannot be done."""
-    from opcua_skill.commands.users import with_library
-
     try:
         with_library(settings, lambda library: library.audit(done))
     except LibraryError as error:

@@ -1,23 +1,20 @@
 """`users …`: who may sign in, written straight into the data folder by whoever owns it."""
 
-import asyncio
 import csv
 import sys
-from collections.abc import Awaitable, Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TypeVar
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from library.names import doubles, same_user
-from opcua_skill.commands.configuration import Config, Data, load_settings
+from opcua_skill.commands.configuration import Config, Data, load_settings, with_library
 from opcua_skill.commands.connection import Json
 from opcua_skill.commands.faults import Fault
 from opcua_skill.commands.output import note, print_json, say, show_table, table, when
 from opcua_skill.commands.trail import ACTOR, entry
 from opcua_skill.security import hash_password, load_certificate
-from opcua_skill.settings import Settings
-from opcua_skill.stack.access import Role
+from opcua_skill.security.access import Role
 
 if TYPE_CHECKING:
     from library.store import SkillLibrary
@@ -25,26 +22,6 @@ if TYPE_CHECKING:
 app = typer.Typer(no_args_is_help=True, help="Users and their roles, on the data folder of a server.")
 Name = Annotated[str, typer.Argument(metavar="NAME", help="name of the user")]
 FromStdin = Annotated[bool, typer.Option("--password-stdin", help="read the password from the first line of stdin")]
-Result = TypeVar("Result")
-
-
-def with_library(
-    settings: Settings, work: "Callable[[SkillLibrary], Awaitable[Result]]", *, may_make: bool = False
-) -> Result:
-    """Open the library of a data folder, do the work, close it; where there is none, only who adds to it makes one.
-
-    Its imports are slow: only these commands pay.
-    """
-    from library.store import SkillLibrary
-
-    async def opened() -> Result:
-        library = await SkillLibrary.open(settings.database_address, must_exist=not may_make)
-        try:
-            return await work(library)
-        finally:
-            await library.close()
-
-    return asyncio.run(opened())
 
 
 def new_password(name: str, from_stdin: bool) -> str:

@@ -9,8 +9,8 @@ from library.values import check_text
 from models.demonstration import Edits
 from opcua_skill.jobs import JobEngine, LearningRequest
 from opcua_skill.methods.refusals import out_of_range, refusing
+from opcua_skill.security.access import caller
 from opcua_skill.settings import Settings
-from opcua_skill.stack.access import caller
 
 
 @dataclass(frozen=True)

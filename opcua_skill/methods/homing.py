@@ -9,7 +9,7 @@ from opcua_skill.arm_lock import ArmLock
 from opcua_skill.computations import PlanRefused
 from opcua_skill.jobs import JobEngine, Station
 from opcua_skill.methods.refusals import Code, refusing
-from opcua_skill.stack.access import caller
+from opcua_skill.security.access import caller
 from opcua_skill.stack.calls import Refused
 from sim.arm import ArmMode
 

@@ -20,6 +20,7 @@ from opcua_skill.atomic_skills import required_atomic_skills
 from opcua_skill.computations import DocumentRefused
 from opcua_skill.jobs import JobEngine, LearningRequest, PlanRefused, motion_parameters
 from opcua_skill.methods.refusals import Code, out_of_range, refusing
+from opcua_skill.methods.telling import Telling
 from opcua_skill.methods.values import (
     ReceivedDemonstrations,
     flat,
@@ -32,10 +33,9 @@ from opcua_skill.methods.values import (
     wire_report,
     wire_summary,
 )
+from opcua_skill.security.access import caller
 from opcua_skill.settings import Settings
-from opcua_skill.stack.access import caller
 from opcua_skill.stack.calls import Refused
-from opcua_skill.tidings import Tidings
 
 VERDICT_CODES = {"": Code.Good, "invalid": Code.BadOutOfRange, "odd": Code.BadNoMatch, "excluded": Code.BadNoData}
 RELEARN_SECONDS = 60.0
@@ -48,7 +48,7 @@ class LibraryMethods:
     library: SkillLibrary
     jobs: JobEngine
     settings: Settings
-    tidings: Tidings
+    tidings: Telling
 
     @refusing(blame="SkillName", fields={"semantic_type": "SemanticType", "DemonstrationId": "Demonstrations"})
     async def learn_from_demonstration(

@@ -8,7 +8,7 @@ from library.values import check_text
 from opcua_skill.arm_lock import ArmLock
 from opcua_skill.jobs import Station
 from opcua_skill.methods.refusals import refusing
-from opcua_skill.stack.access import caller
+from opcua_skill.security.access import caller
 
 
 @dataclass(frozen=True)

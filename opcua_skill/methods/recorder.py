@@ -21,8 +21,8 @@ from opcua_skill.methods.library import LibraryMethods
 from opcua_skill.methods.refusals import Code, out_of_range, refusing
 from opcua_skill.methods.values import NEEDED, ReceivedDemonstrations, wire_demonstration
 from opcua_skill.recording import ALL_SAMPLES, ONE_APPEND, Bounds, Press, Recording, SamplesWrong, TooMuch
+from opcua_skill.security.access import Role, caller
 from opcua_skill.settings import Limits
-from opcua_skill.stack.access import Role, caller
 from opcua_skill.stack.calls import Refused
 
 KEPT = 5

@@ -7,7 +7,7 @@ from typing import Any
 from asyncua import ua
 
 from opcua_skill.methods.refusals import Code
-from opcua_skill.stack.access import caller
+from opcua_skill.security.access import caller
 from opcua_skill.stack.calls import Refused
 from opcua_skill.stack.internal import SkillInternalServer
 from opcua_skill.stack.sessions import Session

@@ -9,19 +9,20 @@ from typing import Any
 import numpy as np
 from asyncua import ua
 
-from library.description import JobReport, Recipe, SkillSummary
+from library.description import Failure, JobReport, Recipe, SkillSummary
 from library.errors import InvalidValue
 from library.values import check_text
 from models.demonstration import Demonstration
 from models.learning import AlignedDemonstration, LearningOptions
 from opcua_skill.methods.refusals import Code, out_of_range
-from opcua_skill.nodes.types import FAILURE_NUMBERS, NO_TIME
 from opcua_skill.settings import Limits
 from opcua_skill.stack.calls import Refused
 from opcua_skill.stack.decoding import MANY
 
 NEEDED = 2
 UNIT_TOLERANCE = 0.01
+NO_TIME = datetime(1601, 1, 1, tzinfo=UTC)
+FAILURE_NUMBERS = {failure: number for number, failure in enumerate(Failure)}
 
 
 @dataclass(frozen=True)

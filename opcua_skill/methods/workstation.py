@@ -14,11 +14,11 @@ from opcua_skill.endings import TRACE_COLUMNS
 from opcua_skill.jobs import JobEngine, Station
 from opcua_skill.lane import Lane
 from opcua_skill.methods.refusals import Code, out_of_range, refusing
+from opcua_skill.methods.telling import Telling
 from opcua_skill.methods.values import flat, wire_report
+from opcua_skill.security.access import Role, caller
 from opcua_skill.settings import Settings
-from opcua_skill.stack.access import Role, caller
 from opcua_skill.stack.calls import Refused
-from opcua_skill.tidings import Tidings
 
 MODES = ("simulation", "test", "production")
 MODE_ROLES = {"simulation": Role.OPERATOR, "test": Role.ENGINEER, "production": Role.OPERATOR}
@@ -33,7 +33,7 @@ class WorkstationMethods:
     station: Station
     lock: ArmLock
     settings: Settings
-    tidings: Tidings
+    tidings: Telling
     lock_changed: Callable[[], Any]
 
     @refusing(blame="RecipeId")

@@ -12,8 +12,8 @@ from opcua_skill.nodes.tree import Tree, count, number, standard, texts
 from opcua_skill.nodes.types import BOOLEAN, BYTE, BYTE_STRING, DOUBLE, STATUS_CODE, STRING, UINT32
 from opcua_skill.nodes.units import BYTE as BYTES
 from opcua_skill.nodes.units import SECOND, measured
+from opcua_skill.security.access import Role
 from opcua_skill.settings import Limits
-from opcua_skill.stack.access import Role
 from opcua_skill.stack.calls import Argument, MethodSpec, add_method
 from opcua_skill.stack.events import make_notifier
 

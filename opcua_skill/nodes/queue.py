@@ -1,12 +1,13 @@
 """`Machines/<Workstation>/Queue`: whether the arm's next job may begin, and the methods that decide it."""
 
+from asyncua import ua
+
 from opcua_skill.arm_queue import QueueStatus
 from opcua_skill.methods.queue import QueueMethods
+from opcua_skill.methods.values import NO_TIME
 from opcua_skill.nodes.library import COMMENT, OPERATORS, STATE, method
-from opcua_skill.nodes.tree import Tree
-from opcua_skill.nodes.types import NO_TIME
+from opcua_skill.nodes.tree import Tree, count, text
 from opcua_skill.stack.calls import add_method
-from opcua_skill.tidings import queue_values
 
 MEANINGS = {
     "State": "Released or Held: while it is held no further job begins",
@@ -44,3 +45,14 @@ async def add_queue(tree: Tree, workstation: str, methods: QueueMethods) -> None
     ):
         tree.declare_method("QueueType", spec)
         await add_method(tree.server, queue, spec, tree.id(f"{path}/{spec.name}"), tree.name(spec.name))
+
+
+def queue_values(status: QueueStatus) -> dict[str, ua.Variant]:
+    """Return what the nodes show, and what an event about the queue says."""
+    return {
+        "State": text(status.state),
+        "HeldBecause": text(status.because.value),
+        "HeldBy": text(status.by),
+        "HeldSince": ua.Variant(status.since, ua.VariantType.DateTime),
+        "Waiting": count(status.waiting),
+    }

@@ -6,7 +6,7 @@ from opcua_skill.methods.sessions import SessionMethods
 from opcua_skill.nodes.library import PATH, method
 from opcua_skill.nodes.tree import Tree, standard
 from opcua_skill.nodes.types import DATE_TIME, DOUBLE, STRING
-from opcua_skill.stack.access import Role
+from opcua_skill.security.access import Role
 from opcua_skill.stack.calls import Argument, add_method
 
 ADMINS = Role.ADMIN.and_above

@@ -1,7 +1,6 @@
 """Our type namespace: structures that cross the wire, object types, event types, as docs/interface.md names them."""
 
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from typing import Any
 
 from asyncua import ua
@@ -9,6 +8,7 @@ from asyncua.common.structures104 import new_enum_field, new_struct_field
 from asyncua.ua.object_ids import ObjectIds
 
 from library.description import Failure
+from opcua_skill.methods.values import NO_TIME
 from opcua_skill.nodes.members import declare_members
 from opcua_skill.nodes.tree import Tree, standard
 
@@ -110,9 +110,7 @@ AUDIT_ENTRY = (
     Field("Status", STRING, description="name of the status code"),
     Field("Reason", STRING, description="why not, in a sentence; empty: done"),
 )
-NO_TIME = datetime(1601, 1, 1, tzinfo=UTC)
 FAILURES = tuple(failure.value for failure in Failure)
-FAILURE_NUMBERS = {failure: number for number, failure in enumerate(Failure)}
 
 
 def _job_report(failure: ua.NodeId) -> tuple[Field, ...]:

@@ -15,8 +15,8 @@ from opcua_skill.nodes.skills import SkillNodes
 from opcua_skill.nodes.tree import Tree, localized, number, numbers, standard, text, texts
 from opcua_skill.nodes.types import DOUBLE, INT32, STRING, UINT32
 from opcua_skill.nodes.units import METRE, ONE, Unit, joint_units, measured
+from opcua_skill.security.access import Role
 from opcua_skill.settings import Workstation
-from opcua_skill.stack.access import Role
 from opcua_skill.stack.calls import Argument, MethodSpec, add_method
 from opcua_skill.stack.events import make_notifier
 from sim.arm import ArmModel

@@ -17,7 +17,7 @@ from argon2.exceptions import Argon2Error, InvalidHashError
 from cryptography import x509
 
 from library.names import named, same_user
-from opcua_skill.stack.access import Identity, Peer, Role
+from opcua_skill.security.access import Identity, Peer, Role
 
 log = logging.getLogger(__name__)
 

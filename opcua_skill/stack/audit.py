@@ -12,7 +12,7 @@ from asyncua.common.events import Event
 from asyncua.ua.attribute_ids import AttributeIds
 from asyncua.ua.status_codes import StatusCodes as Codes
 
-from opcua_skill.stack.access import Caller, audit_entry_id
+from opcua_skill.security.access import Caller, audit_entry_id
 from opcua_skill.stack.values import SERVER, node_id, status, status_name
 
 

@@ -16,7 +16,7 @@ from asyncua.ua.attribute_ids import AttributeIds
 from asyncua.ua.object_ids import ObjectIds as Ids
 from asyncua.ua.status_codes import StatusCodes as Codes
 
-from opcua_skill.stack.access import Caller, Role, audit_entry_id, caller
+from opcua_skill.security.access import Caller, Role, audit_entry_id, caller
 from opcua_skill.stack.arguments import ArgumentCheck, compile_check, output_variant
 from opcua_skill.stack.budgets import Budget
 from opcua_skill.stack.limits import Limits

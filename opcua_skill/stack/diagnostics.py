@@ -11,7 +11,7 @@ from asyncua.ua.attribute_ids import AttributeIds
 from asyncua.ua.object_ids import ObjectIds as Ids
 from asyncua.ua.status_codes import StatusCodes as Codes
 
-from opcua_skill.stack.access import Caller, Role, caller, calling_as
+from opcua_skill.security.access import Caller, Role, caller, calling_as
 from opcua_skill.stack.counting import SubscriptionCounts, Totals
 from opcua_skill.stack.diagnostic_records import security_record, session_records, subscription_record, summary
 from opcua_skill.stack.items import Items

@@ -3,14 +3,14 @@
 import asyncio
 import contextlib
 import logging
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from asyncua import ua
 from asyncua.client.client import Client
 from asyncua.crypto import security_policies
+from asyncua.server.server import Server
 
-if TYPE_CHECKING:
-    from opcua_skill.stack.server import SkillServer
+from opcua_skill.security.certificates import ApplicationCertificate
 
 log = logging.getLogger(__name__)
 RENEW_SECONDS = 60.0
@@ -28,8 +28,18 @@ FAULTS = (ua.UaError, OSError, TimeoutError, asyncio.TimeoutError)
 class Registration:
     """Keeps a server registered at one discovery server. A discovery server that is away is tried again."""
 
-    def __init__(self, server: "SkillServer", url: str, *, renew_seconds: float = RENEW_SECONDS) -> None:
+    def __init__(
+        self,
+        server: Server,
+        own_url: str,
+        certificate: ApplicationCertificate | None,
+        url: str,
+        *,
+        renew_seconds: float = RENEW_SECONDS,
+    ) -> None:
         self.url = url
+        self._own_url = own_url
+        self._certificate = certificate
         self.registered = False
         self._server = server
         self._renew_seconds = renew_seconds
@@ -72,7 +82,7 @@ class Registration:
             entry.ProductUri = self._server.product_uri
             entry.ServerNames = [ua.LocalizedText(self._server.name)]
             entry.ServerType = self._server.application_type
-            entry.DiscoveryUrls = [self._server.url]
+            entry.DiscoveryUrls = [self._own_url]
             entry.IsOnline = online
             await client.uaclient.register_server(entry)
         finally:
@@ -88,7 +98,7 @@ class Registration:
             known = endpoint.SecurityPolicyUri in _POLICIES
             if known and endpoint.SecurityMode == ua.MessageSecurityMode.SignAndEncrypt:
                 best = endpoint if best is None or endpoint.SecurityLevel > best.SecurityLevel else best
-        own = self._server.certificate
+        own = self._certificate
         if best is not None and own is not None:
             client.application_uri = self._server.get_application_uri()
             await client.set_security(

@@ -16,10 +16,10 @@ from asyncua.server.user_managers import UserManager
 from asyncua.ua.status_codes import StatusCodes as Codes
 from cryptography import x509
 
+from opcua_skill.security.access import Identity, Role, SignIn
 from opcua_skill.security.chains import CertificateFault, Known, fault
 from opcua_skill.security.settings import SecuritySettings
 from opcua_skill.security.trust import TrustList
-from opcua_skill.stack.access import Identity, Role, SignIn
 from opcua_skill.stack.audit import (
     OnSignIn,
     OnWrite,

@@ -16,7 +16,7 @@ from asyncua.ua.ua_binary import nodeid_from_binary, struct_to_binary, uatcp_to_
 from asyncua.ua.uaerrors import UaStatusCodeError
 from cryptography.exceptions import InvalidSignature
 
-from opcua_skill.stack.access import audit_entry_id
+from opcua_skill.security.access import audit_entry_id
 from opcua_skill.stack.chunks import Request, SecureChannel
 from opcua_skill.stack.decoding import MALFORMED, decode
 from opcua_skill.stack.publishing import PUBLISH

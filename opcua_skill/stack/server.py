@@ -18,9 +18,9 @@ from asyncua.common.node import Node
 from asyncua.server.server import Server
 from asyncua.ua.object_ids import ObjectIds as Ids
 
+from opcua_skill.security.access import SignIn
 from opcua_skill.security.certificates import ApplicationCertificate, ensure_server_certificate
 from opcua_skill.security.settings import SecuritySettings
-from opcua_skill.stack.access import SignIn
 from opcua_skill.stack.audit import OnSignIn, OnWrite
 from opcua_skill.stack.calls import CallRecord, OnCall
 from opcua_skill.stack.capabilities import capabilities, product_version, tell
@@ -179,7 +179,7 @@ class SkillServer(Server):
         self._tell_real_port()
         log.info("listening on %s", self.url)
         for url in self.security.discovery_servers:
-            registration = Registration(self, url)
+            registration = Registration(self, self.url, self.certificate, url)
             self._registrations.append(registration)
             registration.start()
 

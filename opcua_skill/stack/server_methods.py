@@ -6,7 +6,7 @@ from asyncua.common import event_objects
 from asyncua.ua.object_ids import ObjectIds as Ids
 from asyncua.ua.status_codes import StatusCodes as Codes
 
-from opcua_skill.stack.access import Role, caller
+from opcua_skill.security.access import Role, caller
 from opcua_skill.stack.calls import Argument, MethodSpec, Refused
 from opcua_skill.stack.events import completed
 from opcua_skill.stack.subscriptions import Subscription

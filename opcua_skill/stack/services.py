@@ -7,55 +7,55 @@ from asyncua import ua
 from asyncua.ua.object_ids import ObjectIds as Ids
 
 if TYPE_CHECKING:
-    from opcua_skill.stack.processor import Processor
+    from opcua_skill.stack.publishing import Publishing
     from opcua_skill.stack.sessions import Session
 
-Answer = Callable[["Processor", "Session", Any], Awaitable[Any]]
+Answer = Callable[["Publishing", "Session", Any], Awaitable[Any]]
 
 
-async def _read(processor: "Processor", session: "Session", params: Any) -> Any:
+async def _read(processor: "Publishing", session: "Session", params: Any) -> Any:
     response = ua.ReadResponse()
     response.Results = await session.read(params)
     return response
 
 
-async def _write(processor: "Processor", session: "Session", params: Any) -> Any:
+async def _write(processor: "Publishing", session: "Session", params: Any) -> Any:
     response = ua.WriteResponse()
     response.Results = await session.write(params)
     return response
 
 
-async def _history_read(processor: "Processor", session: "Session", params: Any) -> Any:
+async def _history_read(processor: "Publishing", session: "Session", params: Any) -> Any:
     response = ua.HistoryReadResponse()
     response.Results = await session.history_read(params)
     return response
 
 
-async def _browse(processor: "Processor", session: "Session", params: Any) -> Any:
+async def _browse(processor: "Publishing", session: "Session", params: Any) -> Any:
     response = ua.BrowseResponse()
     response.Results = await session.browse(params)
     return response
 
 
-async def _browse_next(processor: "Processor", session: "Session", params: Any) -> Any:
+async def _browse_next(processor: "Publishing", session: "Session", params: Any) -> Any:
     response = ua.BrowseNextResponse()
     response.Parameters.Results = await session.browse_next(params)
     return response
 
 
-async def _translate(processor: "Processor", session: "Session", params: Any) -> Any:
+async def _translate(processor: "Publishing", session: "Session", params: Any) -> Any:
     response = ua.TranslateBrowsePathsToNodeIdsResponse()
     response.Results = await session.translate_browsepaths_to_nodeids(params.BrowsePaths)
     return response
 
 
-async def _call(processor: "Processor", session: "Session", params: Any) -> Any:
+async def _call(processor: "Publishing", session: "Session", params: Any) -> Any:
     response = ua.CallResponse()
     response.Results = await session.call(params.MethodsToCall)
     return response
 
 
-async def _create_subscription(processor: "Processor", session: "Session", params: Any) -> Any:
+async def _create_subscription(processor: "Publishing", session: "Session", params: Any) -> Any:
     response = ua.CreateSubscriptionResponse()
     response.Parameters = await session.create_subscription(
         params, processor.forward_publish_response, request_callback=processor.get_publish_request
@@ -63,19 +63,19 @@ async def _create_subscription(processor: "Processor", session: "Session", param
     return response
 
 
-async def _modify_subscription(processor: "Processor", session: "Session", params: Any) -> Any:
+async def _modify_subscription(processor: "Publishing", session: "Session", params: Any) -> Any:
     response = ua.ModifySubscriptionResponse()
     response.Parameters = session.modify_subscription(params)
     return response
 
 
-async def _delete_subscriptions(processor: "Processor", session: "Session", params: Any) -> Any:
+async def _delete_subscriptions(processor: "Publishing", session: "Session", params: Any) -> Any:
     response = ua.DeleteSubscriptionsResponse()
     response.Results = await session.delete_subscriptions(session.operations(params.SubscriptionIds))
     return response
 
 
-async def _transfer_subscriptions(processor: "Processor", session: "Session", params: Any) -> Any:
+async def _transfer_subscriptions(processor: "Publishing", session: "Session", params: Any) -> Any:
     response = ua.TransferSubscriptionsResponse()
     response.Parameters.Results = await session.transfer_subscriptions(
         params, processor.forward_publish_response, processor.get_publish_request
@@ -83,62 +83,62 @@ async def _transfer_subscriptions(processor: "Processor", session: "Session", pa
     return response
 
 
-async def _set_publishing_mode(processor: "Processor", session: "Session", params: Any) -> Any:
+async def _set_publishing_mode(processor: "Publishing", session: "Session", params: Any) -> Any:
     response = ua.SetPublishingModeResponse()
     response.Parameters.Results = await session.set_publishing_mode(params)
     return response
 
 
-async def _create_items(processor: "Processor", session: "Session", params: Any) -> Any:
+async def _create_items(processor: "Publishing", session: "Session", params: Any) -> Any:
     response = ua.CreateMonitoredItemsResponse()
     response.Results = await session.create_monitored_items(params)
     return response
 
 
-async def _modify_items(processor: "Processor", session: "Session", params: Any) -> Any:
+async def _modify_items(processor: "Publishing", session: "Session", params: Any) -> Any:
     response = ua.ModifyMonitoredItemsResponse()
     response.Results = await session.modify_monitored_items(params)
     return response
 
 
-async def _delete_items(processor: "Processor", session: "Session", params: Any) -> Any:
+async def _delete_items(processor: "Publishing", session: "Session", params: Any) -> Any:
     response = ua.DeleteMonitoredItemsResponse()
     response.Results = await session.delete_monitored_items(params)
     return response
 
 
-async def _set_monitoring_mode(processor: "Processor", session: "Session", params: Any) -> Any:
+async def _set_monitoring_mode(processor: "Publishing", session: "Session", params: Any) -> Any:
     response = ua.SetMonitoringModeResponse()
     response.Parameters.Results = await session.set_monitoring_mode(params)
     return response
 
 
-async def _set_triggering(processor: "Processor", session: "Session", params: Any) -> Any:
+async def _set_triggering(processor: "Publishing", session: "Session", params: Any) -> Any:
     response = ua.SetTriggeringResponse()
     response.Parameters = await session.set_triggering(params)
     return response
 
 
-async def _cancel(processor: "Processor", session: "Session", params: Any) -> Any:
+async def _cancel(processor: "Publishing", session: "Session", params: Any) -> Any:
     """Cancel publish requests that wait. Others are carried out by the time they could be cancelled."""
     response: Any = ua.CancelResponse()
     response.Parameters.CancelCount = processor.cancel_publish_requests(params.RequestHandle)
     return response
 
 
-async def _republish(processor: "Processor", session: "Session", params: Any) -> Any:
+async def _republish(processor: "Publishing", session: "Session", params: Any) -> Any:
     response = ua.RepublishResponse()
     response.NotificationMessage = session.republish(params)
     return response
 
 
-async def _register_nodes(processor: "Processor", session: "Session", params: Any) -> Any:
+async def _register_nodes(processor: "Publishing", session: "Session", params: Any) -> Any:
     response = ua.RegisterNodesResponse()
     response.Parameters.RegisteredNodeIds = session.operations(params.NodesToRegister)
     return response
 
 
-async def _unregister_nodes(processor: "Processor", session: "Session", params: Any) -> Any:
+async def _unregister_nodes(processor: "Publishing", session: "Session", params: Any) -> Any:
     session.operations(params.NodesToUnregister)
     return ua.UnregisterNodesResponse()
 

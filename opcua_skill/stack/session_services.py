@@ -10,7 +10,7 @@ from asyncua.server.internal_session import SessionState
 from asyncua.ua.status_codes import StatusCodes as Codes
 from cryptography.exceptions import InvalidSignature
 
-from opcua_skill.stack.access import Peer
+from opcua_skill.security.access import Peer
 from opcua_skill.stack.decoding import decode
 from opcua_skill.stack.publishing import Publishing
 from opcua_skill.stack.sessions import Channel, Session, current_channel

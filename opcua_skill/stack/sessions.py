@@ -19,7 +19,7 @@ from asyncua.server.internal_session import InternalSession, SessionState
 from asyncua.ua.attribute_ids import AttributeIds
 from asyncua.ua.status_codes import StatusCodes as Codes
 
-from opcua_skill.stack.access import Caller, Identity, Peer, Role, SignedIn, calling_as
+from opcua_skill.security.access import Caller, Identity, Peer, Role, SignedIn, calling_as
 from opcua_skill.stack.audit import WriteRecord, claimed
 from opcua_skill.stack.browsing import Browser
 from opcua_skill.stack.calls import Refused

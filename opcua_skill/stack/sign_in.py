@@ -14,7 +14,7 @@ from asyncua.ua.status_codes import StatusCodes as Codes
 from cryptography import x509
 from cryptography.exceptions import InvalidSignature
 
-from opcua_skill.stack.access import Identity, Role, SignIn
+from opcua_skill.security.access import Identity, Role, SignIn
 from opcua_skill.stack.sessions import Channel
 from opcua_skill.stack.values import node_id
 

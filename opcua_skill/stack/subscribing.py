@@ -9,7 +9,7 @@ from asyncua.common.utils import ServiceError
 from asyncua.server.internal_session import InternalSession
 from asyncua.ua.status_codes import StatusCodes as Codes
 
-from opcua_skill.stack.access import Caller, calling_as
+from opcua_skill.security.access import Caller, calling_as
 from opcua_skill.stack.values import status
 
 if TYPE_CHECKING:

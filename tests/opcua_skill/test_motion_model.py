@@ -42,8 +42,8 @@ from opcua_skill.jobs.station import Station
 from opcua_skill.methods.homing import HomingMethods
 from opcua_skill.methods.queue import QueueMethods
 from opcua_skill.methods.workstation import WorkstationMethods
+from opcua_skill.security.access import Caller, Role, calling_as
 from opcua_skill.settings import Limits, Settings, Workstation
-from opcua_skill.stack.access import Caller, Role, calling_as
 from opcua_skill.stack.calls import Refused
 from sim.arm import ArmError
 from sim.arms import load

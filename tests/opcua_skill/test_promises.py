@@ -12,9 +12,9 @@ from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
 from library.store import SkillLibrary
 from opcua_skill.health import Health
 from opcua_skill.security import TrustList, ensure_client_certificate, hash_password
+from opcua_skill.security.access import Role
 from opcua_skill.server import SkillServerApp
 from opcua_skill.settings import Security, Settings, Workstation
-from opcua_skill.stack.access import Role
 from sim.arms import load
 from sim.kinematic_arm import KinematicArm
 

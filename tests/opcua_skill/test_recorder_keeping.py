@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from opcua_skill.methods import recorder as rules
 from opcua_skill.methods.library import LibraryMethods
 from opcua_skill.methods.recorder import KEPT, KEPT_SECONDS, RecorderMethods
+from opcua_skill.security.access import Caller, Role, calling_as
 from opcua_skill.settings import Limits
-from opcua_skill.stack.access import Caller, Role, calling_as
 from opcua_skill.stack.calls import Refused
 
 

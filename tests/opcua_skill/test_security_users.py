@@ -8,7 +8,7 @@ import pytest
 from argon2 import PasswordHasher
 
 from opcua_skill.security import Authenticator, LockOut, hash_password
-from opcua_skill.stack.access import Identity, Peer, Role
+from opcua_skill.security.access import Identity, Peer, Role
 
 PASSWORD = "correct horse battery"
 HERE, THERE = Peer("10.0.0.1", b"certificate of one station"), Peer("10.0.0.2", b"certificate of another")

@@ -11,7 +11,7 @@ import pytest
 from library.store import SkillLibrary
 from opcua_skill.commands.verbs import status_of
 from opcua_skill.security import Authenticator, hash_password
-from opcua_skill.stack.access import Peer
+from opcua_skill.security.access import Peer
 
 NFC, NFD = "Jos\u00e9", "Jose\u0301"
 PASSWORD = "correct horse battery"

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 from urllib.parse import quote
 
 from nicegui import ui
@@ -11,11 +10,9 @@ from opcua_skill.client import ClientError, Path, Recipe, Skill
 from opcua_skill.panel.comparing import changes, told_distance
 from opcua_skill.panel.frame import choose, title
 from opcua_skill.panel.pages.card import CardSheet
+from opcua_skill.panel.pages.reviewed import ReviewPage
 from opcua_skill.panel.review import largest_change
 from opcua_skill.panel.shown import mm, moment_of, percent
-
-if TYPE_CHECKING:
-    from opcua_skill.panel.pages.skill import SkillPage
 
 
 def approved_before(found: Sequence[Skill], version: int) -> Skill | None:
@@ -31,7 +28,7 @@ def approved_before(found: Sequence[Skill], version: int) -> Skill | None:
 class RunToApprove:
     """The sheet above the decision."""
 
-    def __init__(self, page: "SkillPage", skill: Skill) -> None:
+    def __init__(self, page: ReviewPage, skill: Skill) -> None:
         self.page, self.words, self.session = page, page.words, page.session
         self.skill = skill
         self.recipes: dict[str, Recipe] = {}

@@ -1,18 +1,14 @@
 """Versions side by side: every figure of their reports, differences marked by sign, word and colour."""
 
-from typing import TYPE_CHECKING
-
 from nicegui import ui
 
 from opcua_skill.client import Path, Skill
 from opcua_skill.panel.chart import packed_path
 from opcua_skill.panel.comparing import FIGURES, Figure, checks, told_distance
 from opcua_skill.panel.frame import title
+from opcua_skill.panel.pages.reviewed import ReviewPage
 from opcua_skill.panel.review import largest_change
 from opcua_skill.panel.shown import mm, moment_of, percent, state_tag
-
-if TYPE_CHECKING:
-    from opcua_skill.panel.pages.skill import SkillPage
 
 MOST_BESIDE = 3
 SIGNS = {"better": "✓", "worse": "⚠", "differs": "≠"}
@@ -21,7 +17,7 @@ SIGNS = {"better": "✓", "worse": "⚠", "differs": "≠"}
 class Comparison:
     """The sheet below a skill's page: the version shown first, and up to three others beside it."""
 
-    def __init__(self, page: "SkillPage") -> None:
+    def __init__(self, page: ReviewPage) -> None:
         self.page, self.words = page, page.words
         self.beside: dict[int, tuple[Skill, Path]] = {}
         self.sheet = ui.element("div").classes("sheet stack").props('data-mark="comparison"')
@@ -51,7 +47,7 @@ class Comparison:
         path, words = self.beside[version][1], self.words
         self.page.chart.overlay(other=packed_path(path))
         away, where = self._apart_from(self.beside[version][0], path)
-        self.page.judging.change.text = (
+        self.page.say_change(
             f"┄ {words('version')} {version} ({words('green, dotted')}): "
             f"{words('at most')} {words.figures(mm(away))} {words('away')}, "
             f"{words('at')} {percent(where)} {words('of the way')}"
@@ -67,7 +63,7 @@ class Comparison:
         """Take a version away again, and its path off the chart."""
         self.beside.pop(version, None)
         self.page.chart.overlay(other=None)
-        self.page.judging.change.text = ""
+        self.page.say_change("")
         self._show()
 
     def _show(self) -> None:

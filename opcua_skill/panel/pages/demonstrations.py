@@ -1,21 +1,19 @@
 """The list of a version's demonstrations: in or out, how far off, and what learning said of each, worst first."""
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from nicegui import ui
 
 from opcua_skill.panel.frame import title
+from opcua_skill.panel.pages.reviewed import ReviewPage
 from opcua_skill.panel.shown import mm, percent
-
-if TYPE_CHECKING:
-    from opcua_skill.panel.pages.skill import SkillPage
 
 
 class DemonstrationList:
     """The left column of a skill's page."""
 
-    def __init__(self, page: "SkillPage") -> None:
+    def __init__(self, page: ReviewPage) -> None:
         self.page = page
         words = page.words
         version = page.version

@@ -3,7 +3,7 @@
 import asyncio
 import re
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from urllib.parse import quote
 
 from nicegui import ui
@@ -12,10 +12,8 @@ from opcua_skill.client import ClientError, Skill
 from opcua_skill.panel.comparing import FIGURES, IN_SHORT, against_paper, checks, since_before, spread
 from opcua_skill.panel.frame import choose, title
 from opcua_skill.panel.pages.approval import RunToApprove
+from opcua_skill.panel.pages.reviewed import ReviewPage
 from opcua_skill.panel.shown import mm, percent, state_tag
-
-if TYPE_CHECKING:
-    from opcua_skill.panel.pages.skill import SkillPage
 
 OLDEST_SHOWN = 12
 RETIRABLE = ("Approved", "Rejected")
@@ -24,7 +22,7 @@ RETIRABLE = ("Approved", "Rejected")
 class Judging:
     """The right column of a skill's page."""
 
-    def __init__(self, page: "SkillPage") -> None:
+    def __init__(self, page: ReviewPage) -> None:
         self.page = page
         self.session, self.words = page.session, page.words
         self.skill: Skill = page.version.skill
@@ -295,9 +293,7 @@ class Judging:
             if not here:
                 with ui.element("div").classes("at-the-end"):
                     ui.button(words("Show"), on_click=lambda: self._open(one.version)).props("no-caps dense flat")
-                    ui.button(words("Compare"), on_click=lambda: self.page.comparison.add(one)).props(
-                        "no-caps dense flat"
-                    )
+                    ui.button(words("Compare"), on_click=lambda: self.page.compare(one)).props("no-caps dense flat")
 
     async def _open(self, number: int) -> None:
         self.page.ghost = None

@@ -1,9 +1,7 @@
 """A skill's page: look at the demonstrations, take out what is wrong, learn again, judge, deploy."""
 
-import asyncio
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
 from typing import Any
 from urllib.parse import quote
 
@@ -12,53 +10,16 @@ from nicegui import ui
 from models.demonstration import Edits
 from opcua_skill.client import Path, Skill
 from opcua_skill.panel.chart import ReviewChart, chart_data, packed_path, thinned
-from opcua_skill.panel.comparing import told_distance, wrong
+from opcua_skill.panel.comparing import told_distance
 from opcua_skill.panel.frame import Frame, choose
 from opcua_skill.panel.pages.comparison import Comparison
 from opcua_skill.panel.pages.demonstrations import DemonstrationList
 from opcua_skill.panel.pages.judging import Judging
-from opcua_skill.panel.review import Draft, Material, edits_of, instants_struck, largest_change
-from opcua_skill.panel.session import PanelSession
+from opcua_skill.panel.pages.reviewed import Version, read_version
+from opcua_skill.panel.review import instants_struck, largest_change
 from opcua_skill.panel.shown import mm, percent
 
 LEARNING_LIMIT = 600.0
-
-
-@dataclass
-class Version:
-    """A version as the page shows it, and the edits under way on it."""
-
-    skill: Skill
-    material: Material
-    draft: Draft
-    flagged: dict[str, str] = field(default_factory=dict)
-    reason: str = ""
-
-    @property
-    def verdicts(self) -> Mapping[str, Mapping[str, Any]]:
-        """What learning said of each recording."""
-        return {one["demonstrationId"]: one for one in self.skill.document.get("verdicts") or ()}
-
-    @property
-    def flagged_at(self) -> dict[str, float | None]:
-        """The recordings that learning found fault with, and where on them."""
-        return {name: self.verdicts[name].get("place") for name in self.flagged}
-
-
-async def read_version(session: PanelSession, name: str, number: int) -> Version:
-    """Read a version with everything it is judged by."""
-    client = session.client
-    skill = await client.skill(name, number)
-    recordings = await client.recordings(name, skill.version)
-    path = await client.path(name, skill.version)
-    material = await asyncio.to_thread(Material.of, recordings.raw, recordings.aligned, path)
-    saved = edits_of(skill.document.get("provenance") or {})
-    kept = session.kept.setdefault(("draft", name, skill.version), Draft(saved))
-    assert isinstance(kept, Draft)
-    flagged = {
-        one["demonstrationId"]: one.get("reason", "") for one in skill.document.get("verdicts") or () if wrong(one)
-    }
-    return Version(skill, material, kept, flagged)
 
 
 async def skill_page(frame: Frame, name: str, version: str = "0") -> None:
@@ -253,6 +214,14 @@ class SkillPage:
         """Do it again."""
         self.version.draft.redo()
         self.refresh()
+
+    async def compare(self, other: Skill) -> None:
+        """Put another version beside the one shown."""
+        await self.comparison.add(other)
+
+    def say_change(self, told: str) -> None:
+        """Say, or with nothing unsay, how far another path is from the one shown."""
+        self.judging.change.text = told
 
     def include(self, name: str, wanted: bool) -> None:
         """Leave a recording out or take it in again."""

@@ -13,7 +13,7 @@ from opcua_skill.panel.pages import arm, comparison, held, jobs, library, motion
 from opcua_skill.panel.shown import STATE_SIGNS
 from opcua_skill.panel.strokes import NotADemonstration
 from opcua_skill.panel.words import Words, language_of
-from opcua_skill.stack.access import Role
+from opcua_skill.security.access import Role
 
 PANEL = Path(frame.__file__).parent
 

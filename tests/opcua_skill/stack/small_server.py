@@ -22,8 +22,8 @@ from opcua_skill.security import (
     ensure_server_certificate,
     hash_password,
 )
+from opcua_skill.security.access import Role, caller
 from opcua_skill.stack import decoding
-from opcua_skill.stack.access import Role, caller
 from opcua_skill.stack.calls import Argument, CallRecord, MethodSpec, Refused, add_method
 from opcua_skill.stack.decoding import install
 from opcua_skill.stack.limits import Limits

@@ -7,7 +7,7 @@ import math
 import pytest
 from asyncua import ua
 
-from opcua_skill.stack.access import Role, caller
+from opcua_skill.security.access import Role, caller
 from opcua_skill.stack.calls import MethodSpec, Refused, add_method
 from tests.opcua_skill.stack.small_server import Bench, until
 

@@ -7,7 +7,7 @@ import pytest
 from asyncua import Client, ua
 from asyncua.crypto import uacrypto
 
-from opcua_skill.stack.access import Peer
+from opcua_skill.security.access import Peer
 from opcua_skill.stack.sessions import Channel
 from opcua_skill.stack.sign_in import read_password
 from tests.opcua_skill.stack.small_server import Bench
