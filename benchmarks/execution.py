@@ -21,14 +21,17 @@ from scipy.spatial.transform import Rotation
 from benchmarks import execution_peers
 from models.motion import Motion
 from sim import arms
-from sim.arm import ArmModel, Stopped, Trace
+from sim.arm import Stopped, Trace
+from sim.arm_model import ArmModel
 from sim.bullet_world import BulletWorld, pybullet
 from sim.checks import MotionRefused, check_joints, check_reach, check_singularity
 from sim.clearance import Cell, check_clearance, part_box
 from sim.conformance import left_path
 from sim.execution import Execution, Phase
 from sim.kinematics import kinematics
-from sim.plan import MotionOrder, MotionPlan, plan_motion
+from sim.order import MotionOrder
+from sim.plan import MotionPlan
+from sim.planner import plan_motion
 from sim.pybullet_arm import PyBulletArm
 
 Floats = NDArray[np.float64]

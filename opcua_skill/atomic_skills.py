@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from models.demonstration import Demonstration
-from sim.arm import ArmModel
+from sim.arm_model import ArmModel
 from sim.checks import LONGEST_STEP, SHORTEST_STEP
 
 

@@ -17,9 +17,13 @@ from models.errors import SkillError
 from models.learning import LearnedMotion, LearningOptions, Previous, learn
 from models.motion import Motion, Trajectory
 from opcua_skill.workers import report_progress
-from sim.arm import ArmModel, Trace
+from sim.arm import Trace
+from sim.arm_model import ArmModel
+from sim.checks import Finding, MotionRefused
 from sim.clearance import Cell
-from sim.plan import Finding, MotionOrder, MotionPlan, MotionRefused, plan_home, plan_motion
+from sim.order import MotionOrder
+from sim.plan import MotionPlan
+from sim.planner import plan_home, plan_motion
 from sim.traces import to_csv, to_parquet
 
 HOMING_SPEED = 0.25

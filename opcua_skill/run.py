@@ -9,7 +9,8 @@ import numpy as np
 
 from library.description import Cause, Failure, JobState
 from opcua_skill.own_record import OwnRecord
-from sim.arm import Arm, Floats
+from sim.arm import Arm
+from sim.arm_model import Floats
 from sim.plan import MotionPlan
 
 

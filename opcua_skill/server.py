@@ -59,7 +59,8 @@ from opcua_skill.stack.transport import ReservedPort
 from opcua_skill.stack.watchdog import Watchdog
 from opcua_skill.standing import Standing, told_of
 from opcua_skill.tidings import Tidings
-from sim.arm import ArmError, ArmModel, ArmState
+from sim.arm import ArmError, ArmState
+from sim.arm_model import ArmModel
 from sim.gate import LOWEST_OVERRIDE
 
 SHOW_STATE_EVERY = 0.1

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sim.arm import ArmModel, Floats
+from sim.arm_model import ArmModel, Floats
 from sim.kinematics import kinematics
 from sim.silence import silent
 

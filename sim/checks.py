@@ -3,16 +3,14 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 
-from sim.arm import ArmModel, Floats
+from sim.arm_model import ArmModel, Floats
 from sim.kinematics import InverseResult, kinematics
+from sim.order import MotionOrder
 from sim.rates import Rates
-
-if TYPE_CHECKING:
-    from sim.plan import MotionOrder
 
 Code = Literal[
     "WorkspaceLimit", "JointLimit", "SpeedLimit", "NoIkSolution", "Singularity", "Collision", "ParameterInvalid"
@@ -78,7 +76,7 @@ def invalid(name: str, value: object, allowed: str, size: float = math.nan, unit
     return Finding("ParameterInvalid", math.nan, math.nan, size, unit, f"{name} is {value}: it has to be {allowed}")
 
 
-def check_order(order: "MotionOrder") -> list[Finding]:
+def check_order(order: MotionOrder) -> list[Finding]:
     """Return every field of an order that is not a number or out of its range, in the order of the fields."""
     found: list[Finding] = []
 

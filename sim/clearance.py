@@ -13,14 +13,14 @@ from functools import lru_cache
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from sim.arm import ArmModel, Capsule, Floats, Pose
+from sim.arm_model import ArmModel, Capsule, Floats, Pose
 from sim.checks import Finding
 from sim.kinematics import kinematics
+from sim.order import Plate
 
 MARGIN = 5e-3
 PART_BORDER = 0.02
 AT_THE_TIP = 2e-3
-Plate = tuple[float, float, float, float]
 GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 SECTIONS = 28
 

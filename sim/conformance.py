@@ -24,7 +24,6 @@ from sim.arm import (
     ArmError,
     ArmFault,
     ArmMode,
-    ArmModel,
     CommandRefused,
     Progress,
     StartRefused,
@@ -32,8 +31,11 @@ from sim.arm import (
     Trace,
     angles_between,
 )
+from sim.arm_model import ArmModel
 from sim.kinematics import kinematics
-from sim.plan import MotionOrder, MotionPlan, plan_home, plan_motion
+from sim.order import MotionOrder
+from sim.plan import MotionPlan
+from sim.planner import plan_home, plan_motion
 
 LINE = 0.03
 

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from sim.arm import Floats, Limits
+from sim.arm_model import Floats, Limits
 
 # A joint way that bends by more than this share of itself from one place to the next is looked at closely.
 SUDDEN, LEAST = 0.1, 1e-9

@@ -6,7 +6,8 @@ from importlib.metadata import entry_points
 from typing import TYPE_CHECKING, Any, Protocol
 
 if TYPE_CHECKING:
-    from sim.arm import Arm, ArmModel
+    from sim.arm import Arm
+    from sim.arm_model import ArmModel
     from sim.imperfection import Imperfection
 
 DOOR = "opcua_skill.arms"

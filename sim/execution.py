@@ -10,7 +10,8 @@ from enum import StrEnum
 
 import numpy as np
 
-from sim.arm import ArmModel, Bools, Floats, Trace
+from sim.arm import Trace
+from sim.arm_model import ArmModel, Bools, Floats
 from sim.holding import quaternions
 from sim.kinematics import kinematics
 from sim.plan import MotionPlan, valve_open

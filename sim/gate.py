@@ -4,7 +4,8 @@ import math
 
 import numpy as np
 
-from sim.arm import ArmMode, ArmModel, ArmState, CommandRefused, StartRefused
+from sim.arm import ArmMode, ArmState, CommandRefused, StartRefused
+from sim.arm_model import ArmModel
 from sim.plan import MotionPlan
 
 START_TOLERANCE = 2e-3

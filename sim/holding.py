@@ -14,16 +14,14 @@ beyond its last the nozzle goes on turning as it turns there, as it goes on stra
 does, from rest.
 """
 
-from typing import Literal
-
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from sim.arm import ArmModel, Floats
+from sim.arm_model import ArmModel, Floats
 from sim.kinematics import kinematics
+from sim.order import NozzleTurn
 from sim.path import ToolPath
 
-NozzleTurn = Literal["shown", "free"]
 ALONG = 1e-6
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.arm import Floats
+from sim.arm_model import Floats
 
 CAUGHT_UP = 1e-6
 

@@ -10,17 +10,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from sim.arm import (
-    ArmFault,
-    ArmMode,
-    ArmModel,
-    ArmState,
-    CommandRefused,
-    Floats,
-    Progress,
-    Stopped,
-    Trace,
-)
+from sim.arm import ArmFault, ArmMode, ArmState, CommandRefused, Progress, Stopped, Trace
+from sim.arm_model import ArmModel, Floats
 from sim.execution import Execution, Phase, Recorder
 from sim.gate import check_override, check_start
 from sim.imperfection import Faults, Imperfection

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
-from sim.arm import ArmModel, Floats
+from sim.arm_model import ArmModel, Floats
 
 FEWEST_AXES, MOST_AXES = 3, 7
 STAGES = 2

@@ -6,25 +6,22 @@ between two samples would need more than a joint may do, until it needs no more.
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
 from scipy.ndimage import minimum_filter1d
 
 from sim import checks
-from sim.arm import ArmModel, Floats
+from sim.arm_model import ArmModel, Floats
 from sim.checks import Finding, MotionRefused
 from sim.corners import corner_speeds, curvature
 from sim.holding import Holding
 from sim.kinematics import InverseResult, kinematics
+from sim.order import MotionOrder
 from sim.path import ToolPath
 from sim.postures import Poses, Posture, steady_posture
 from sim.rates import rates, spline_velocities
 from sim.timing import JointPath, TimeLaw, fastest, law_speed, ramps, time_at
-
-if TYPE_CHECKING:
-    from sim.plan import MotionOrder
 
 LATER = 1.1
 # Slower than this share of the speed asked for is no constant speed any more: refused whatever the order says.
@@ -101,7 +98,7 @@ def clock_of(law: TimeLaw, length: float, step: float) -> Clock:
 
 
 def law_for(
-    path: ToolPath, order: "MotionOrder", arm: ArmModel, held: Holding, posture: Posture | None
+    path: ToolPath, order: MotionOrder, arm: ArmModel, held: Holding, posture: Posture | None
 ) -> tuple[Followed, TimeLaw, list[Finding]]:
     """Return the time law an order asks for, and what was slowed down for it.
 
@@ -119,7 +116,7 @@ def law_for(
 
 
 def follow(
-    path: ToolPath, extra: float, order: "MotionOrder", arm: ArmModel, held: Holding, posture: Posture | None
+    path: ToolPath, extra: float, order: MotionOrder, arm: ArmModel, held: Holding, posture: Posture | None
 ) -> Followed:
     """Return an arm's way along a path and ``extra`` m straight on before and after it.
 
@@ -171,7 +168,7 @@ def follow(
 
 
 def _kept(
-    followed: Followed, wanted: Floats, ceiling: Floats, order: "MotionOrder", brake: Floats | None = None
+    followed: Followed, wanted: Floats, ceiling: Floats, order: MotionOrder, brake: Floats | None = None
 ) -> tuple[TimeLaw, Floats, Floats]:
     """Return the quickest law below ``wanted`` and ``ceiling`` (g,) whose samples keep every limit and the chord.
 
@@ -215,7 +212,7 @@ def _cuts(tips: object, at: Floats) -> Floats:
     return worst
 
 
-def _demonstrated(followed: Followed, order: "MotionOrder") -> tuple[TimeLaw, list[Finding]]:
+def _demonstrated(followed: Followed, order: MotionOrder) -> tuple[TimeLaw, list[Finding]]:
     """Return the people's own pace, scaled to the time asked for; told where an arm cannot keep it."""
     shown, path, arm = followed.shown, followed.path, followed.arm
     pace = np.diff(followed.lengths) / np.maximum(np.diff(shown), 1e-9)
@@ -273,7 +270,7 @@ def _scaled(followed: Followed, natural: Floats, scale: float, wanted: float, ce
 
 
 def _constant(
-    path: ToolPath, order: "MotionOrder", arm: ArmModel, held: Holding, posture: Posture | None
+    path: ToolPath, order: MotionOrder, arm: ArmModel, held: Holding, posture: Posture | None
 ) -> tuple[Followed, TimeLaw, list[Finding]]:
     """Return constant speed over the whole path.
 
@@ -315,7 +312,7 @@ def _constant(
 
 
 def _with_run_in(
-    path: ToolPath, extra: float, order: "MotionOrder", arm: ArmModel, held: Holding, posture: Posture | None
+    path: ToolPath, extra: float, order: MotionOrder, arm: ArmModel, held: Holding, posture: Posture | None
 ) -> Followed:
     """Return an arm's way along a path with as much of ``extra`` m before and after it as the arm can follow."""
     while extra > SHORTEST_RUN_IN:
@@ -353,7 +350,7 @@ def _run_in(followed: Followed, speed: float) -> float:
     return max(RUN_IN_NODES * spacing, RUN_IN_SPARE * 0.5 * speed * (speed / slowest + 1.7 * width))
 
 
-def _refuse_corners(followed: Followed, order: "MotionOrder") -> None:
+def _refuse_corners(followed: Followed, order: MotionOrder) -> None:
     """Raise where a corner does not allow a constant speed, or only one too far below it."""
     i = int(followed.even.argmin())
     allowed = float(followed.even[i])
@@ -362,7 +359,7 @@ def _refuse_corners(followed: Followed, order: "MotionOrder") -> None:
         raise MotionRefused([_corner(followed, order, i, allowed * 1e3, refused=True)])
 
 
-def _corner(followed: Followed, order: "MotionOrder", row: int, allowed: float, *, refused: bool) -> Finding:
+def _corner(followed: Followed, order: MotionOrder, row: int, allowed: float, *, refused: bool) -> Finding:
     """Return what is told of a corner: ``row`` counts from the path's first place, ``allowed`` in mm/s."""
     i = row + int(np.argmax(followed.inside))
     asked = order.speed * 1e3

@@ -9,7 +9,7 @@ from scipy.interpolate import CubicSpline, PchipInterpolator, make_interp_spline
 from scipy.spatial.transform import Rotation
 
 from models.motion import Motion
-from sim.arm import Floats, Pose
+from sim.arm_model import Floats, Pose
 
 FINEST = 1e-4
 FEWEST, MOST = 1000, 8000

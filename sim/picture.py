@@ -9,7 +9,7 @@ import tempfile
 from pathlib import Path
 from typing import Literal
 
-from sim.arm import ArmModel
+from sim.arm_model import ArmModel
 from sim.plan import MotionPlan
 
 PATIENCE = 180.0

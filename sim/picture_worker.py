@@ -15,7 +15,7 @@ from matplotlib.patches import Rectangle
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
-from sim.arm import ArmModel, Floats
+from sim.arm_model import ArmModel, Floats
 from sim.clearance import PART_BORDER
 from sim.plan import MotionPlan
 from sim.scene import Line, Scene, at_work, from_nearby, path_lines, png, show_rows, webp, whole_arm

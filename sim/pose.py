@@ -2,7 +2,7 @@
 
 from scipy.spatial.transform import Rotation
 
-from sim.arm import Floats, Pose
+from sim.arm_model import Floats, Pose
 from sim.kinematics import Kinematics
 
 

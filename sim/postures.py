@@ -12,7 +12,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
-from sim.arm import ArmModel, Floats
+from sim.arm_model import ArmModel, Floats
 from sim.checks import POSTURE_JUMP, SINGULAR, singular_values
 from sim.clearance import Box, check_clearance, tool_blocked
 from sim.kinematics import Kinematics, kinematics

@@ -16,7 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from sim.arm import ArmFault, ArmMode, ArmModel, ArmState, CommandRefused, Progress, StartRefused, Stopped, Trace
+from sim.arm import ArmFault, ArmMode, ArmState, CommandRefused, Progress, StartRefused, Stopped, Trace
+from sim.arm_model import ArmModel
 from sim.execution import Recorder
 from sim.gate import check_override, check_start
 from sim.imperfection import Imperfection

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from sim.arm import ArmModel, Floats
+from sim.arm_model import ArmModel, Floats
 from sim.bullet_world import AT_REST, BulletWorld
 from sim.execution import Execution, Phase, Recorder
 from sim.imperfection import Imperfection

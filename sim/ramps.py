@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.arm import ArmModel, Floats
+from sim.arm_model import ArmModel, Floats
 from sim.plan import MotionPlan
 
 SHORTEST_TICKS, LONGEST = 4, 6.0

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from sim.arm import Floats, Limits
+from sim.arm_model import Floats, Limits
 
 # Rows from which an end of the spline is felt at the other by less than the last bit.
 FELT = 48

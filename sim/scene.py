@@ -14,7 +14,7 @@ import numpy as np
 import pybullet
 from PIL import Image, ImageDraw
 
-from sim.arm import ArmModel, Bools, Floats
+from sim.arm_model import ArmModel, Bools, Floats
 from sim.bullet_world import load_arm
 from sim.clearance import Box, Cell, part_box
 from sim.plan import MotionPlan

@@ -17,7 +17,7 @@ from ruckig import InputParameter, Result, Ruckig, Trajectory
 from scipy.interpolate import CubicHermiteSpline, make_interp_spline
 from scipy.ndimage import minimum_filter1d
 
-from sim.arm import Floats, Limits, PathLimits
+from sim.arm_model import Floats, Limits, PathLimits
 
 TICK, LONGEST_TICK, MOST_TICKS = 5e-4, 4e-3, 400_000
 VELOCITY_SHARE, ACCELERATION_SHARE, JERK_SHARE = 0.95, 0.95, 0.6

@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
-from sim.arm import ArmModel, Bools, Floats
+from sim.arm_model import ArmModel, Bools, Floats
 from sim.clearance import MARGIN, Box, least_distances
 from sim.kinematics import kinematics
 

@@ -6,23 +6,20 @@ A joint move, a straight line, the learned path. Each starts and ends at rest, o
 import math
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from sim import checks
-from sim.arm import ArmModel, Floats, PathLimits, Stage
+from sim.arm_model import ArmModel, Floats, PathLimits, Stage
 from sim.checks import Finding, MotionRefused
 from sim.holding import Holding
 from sim.kinematics import kinematics
 from sim.laws import Followed, clock_of, law_for, time_at
+from sim.order import MotionOrder
 from sim.path import ToolPath
 from sim.postures import Posture
 from sim.timing import JointPath, TimeLaw, fastest, joint_move
-
-if TYPE_CHECKING:
-    from sim.plan import MotionOrder
 
 TRAVEL_SHARE = 0.4
 LINE_SPEED, LINE_STRIDE, LINE_FEWEST = 0.1, 1e-3, 16
@@ -84,7 +81,7 @@ class Way:
         return (time_at(self.law, length) - begins) / self.stretch
 
 
-def joint_way(places: list[Floats], order: "MotionOrder", arm: ArmModel, slower: float = 1.0) -> Way | None:
+def joint_way(places: list[Floats], order: MotionOrder, arm: ArmModel, slower: float = 1.0) -> Way | None:
     """Return the jerk-limited joint moves from each place (dof,) to the next, None if they are all the same."""
     pieces: list[Floats] = []
     for start, end in pairwise(places):
@@ -140,7 +137,7 @@ class Line:
         """Return the joints (dof,) at its end."""
         return self.joints.joints[-1]
 
-    def in_time(self, stage: Stage, order: "MotionOrder", slower: float = 1.0, *, backwards: bool = False) -> Way:
+    def in_time(self, stage: Stage, order: MotionOrder, slower: float = 1.0, *, backwards: bool = False) -> Way:
         """Return the line in time, from rest to rest."""
         bounds = PathLimits(
             min(LINE_SPEED, self.arm.path_limits.speed),
@@ -169,9 +166,7 @@ class Learned:
     told: tuple[Finding, ...]
 
     @classmethod
-    def of(
-        cls, path: ToolPath, order: "MotionOrder", arm: ArmModel, held: Holding, posture: Posture | None
-    ) -> "Learned":
+    def of(cls, path: ToolPath, order: MotionOrder, arm: ArmModel, held: Holding, posture: Posture | None) -> "Learned":
         """Find the law that an order asks for. Raises ``MotionRefused``."""
         followed, law, told = law_for(path, order, arm, held, posture)
         return cls(followed, law, (*told, *followed.told))
@@ -184,7 +179,7 @@ class Learned:
         return (points[0], rotations[0], solved.joints[0]), (points[1], rotations[1], solved.joints[1])
 
 
-def path_way(learned: Learned, order: "MotionOrder", slower: float = 1.0) -> Way:
+def path_way(learned: Learned, order: MotionOrder, slower: float = 1.0) -> Way:
     """Return the learned path in time; with a straight run-in and run-out if the speed is to be constant."""
     followed, law = learned.followed, learned.law
     path, held = followed.path, followed.held
@@ -257,5 +252,5 @@ def _path_error(path: ToolPath, at: Floats, tool: Floats) -> tuple[tuple[float, 
     return (float(np.sqrt(np.mean(exact**2))), float(exact.max())), float(cut.max())
 
 
-def _rate(order: "MotionOrder") -> float:
+def _rate(order: MotionOrder) -> float:
     return order.speed_override * order.speed_fraction

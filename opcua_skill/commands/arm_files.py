@@ -12,7 +12,7 @@ from opcua_skill.commands.faults import Fault
 from opcua_skill.commands.output import note, print_json, say, screen, table
 
 if TYPE_CHECKING:
-    from sim.arm import Floats
+    from sim.arm_model import Floats
     from sim.description.findings import ArmFinding
 
 app = typer.Typer(no_args_is_help=True, help="Arms of one's own: check their files, describe one, measure a tool.")

@@ -10,8 +10,11 @@ from opcua_skill.client import Recipe, Skill
 from opcua_skill.commands.faults import Fault
 from opcua_skill.jobs import motion_parameters
 from sim.arms import load
+from sim.checks import MotionRefused
+from sim.order import MotionOrder
 from sim.picture import PictureFailed, operator_card, still
-from sim.plan import MotionOrder, MotionPlan, MotionRefused, plan_motion
+from sim.plan import MotionPlan
+from sim.planner import plan_motion
 
 
 def order_of(recipe: Recipe) -> MotionOrder:

@@ -14,10 +14,11 @@ from opcua_skill.jobs.station import cell_of, model_of
 from opcua_skill.programs.making import language_of, program_of
 from opcua_skill.programs.values import Comparison, Header, Language, Options, ProgramRefused
 from opcua_skill.settings import Settings
-from sim.arm import ArmModel
+from sim.arm_model import ArmModel
 from sim.arms import load
+from sim.checks import MotionRefused
 from sim.clearance import Cell
-from sim.plan import MotionRefused, plan_motion
+from sim.planner import plan_motion
 
 
 def place_of(arm: str, config: Path | None, workstation: str) -> tuple[ArmModel, Cell | None]:

@@ -17,7 +17,7 @@ from opcua_skill.jobs.planning import Planning
 from opcua_skill.jobs.station import ArmFactory, Station, atomic_skills_of, cell_of
 from opcua_skill.lane import Lane
 from opcua_skill.settings import Settings, Workstation
-from sim.arm import ArmModel
+from sim.arm_model import ArmModel
 from sim.plan import MotionPlan
 
 _log = logging.getLogger(__name__)

@@ -16,7 +16,7 @@ from opcua_skill.jobs.station import Station
 from opcua_skill.lane import Lane
 from opcua_skill.run import NotAnyMore, Order, slowed_to
 from opcua_skill.settings import Settings
-from sim.plan import Finding
+from sim.checks import Finding
 
 Mode = Literal["simulation", "test", "production"]
 MODES: tuple[Mode, ...] = ("simulation", "test", "production")

@@ -4,7 +4,7 @@ from typing import Any
 
 from library.description import Parameter, Recipe
 from library.errors import InvalidValue
-from sim.plan import MotionOrder
+from sim.order import MotionOrder
 
 MOTION_PARAMETERS: dict[str, tuple[str, tuple[str, ...]]] = {
     "BlendRadius": ("blend_radius", ()),

@@ -10,9 +10,11 @@ from scipy.spatial.transform import Rotation
 from models.demonstration import Bools, Floats
 from models.motion import Motion
 from opcua_skill.computations import PlanRefused, plan_skill
-from sim.arm import ArmModel
+from sim.arm_model import ArmModel
+from sim.checks import Finding
 from sim.clearance import Cell
-from sim.plan import Finding, MotionOrder, MotionPlan
+from sim.order import MotionOrder
+from sim.plan import MotionPlan
 
 SHOWN = 400
 

@@ -17,7 +17,8 @@ from opcua_skill.jobs.reasons import ArmNotReady
 from opcua_skill.lane import Lane
 from opcua_skill.settings import Workstation
 from sim import arms
-from sim.arm import Arm, ArmError, ArmMode, ArmModel, ArmState
+from sim.arm import Arm, ArmError, ArmMode, ArmState
+from sim.arm_model import ArmModel
 from sim.checks import check_confirmed, check_hull
 from sim.clearance import Box, Cell
 from sim.gate import START_TOLERANCE

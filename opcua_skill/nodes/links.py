@@ -4,7 +4,7 @@ from asyncua import ua
 from scipy.spatial.transform import Rotation
 
 from opcua_skill.nodes.tree import Tree, numbers, texts
-from sim.arm import ArmModel
+from sim.arm_model import ArmModel
 from sim.kinematics import kinematics
 
 NONE = (0.0, 0.0, 0.0)

@@ -19,7 +19,7 @@ from opcua_skill.security.access import Role
 from opcua_skill.settings import Workstation
 from opcua_skill.stack.calls import Argument, MethodSpec, add_method
 from opcua_skill.stack.events import make_notifier
-from sim.arm import ArmModel
+from sim.arm_model import ArmModel
 from sim.gate import LOWEST_OVERRIDE
 from sim.kinematics import kinematics
 

@@ -10,7 +10,7 @@ from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial.transform import Rotation
 
 from opcua_skill.programs.values import Language, Lines, Splines, Switch
-from sim.arm import ArmModel, Floats
+from sim.arm_model import ArmModel, Floats
 from sim.holding import quaternions
 from sim.kinematics import kinematics
 from sim.plan import MotionPlan

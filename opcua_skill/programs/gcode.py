@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from opcua_skill.programs.values import Header, Language, Lines, Options, Splines, Switch, ascii_of, switching_at
-from sim.arm import Floats
+from sim.arm_model import Floats
 
 MINUTE = 60.0
 SLOW = 300.0  # mm/min to the first place, a way that nobody has planned

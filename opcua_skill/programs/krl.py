@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from opcua_skill.programs.values import Header, Language, Lines, Options, Splines, Switch, ascii_of, switching_at
-from sim.arm import Floats
+from sim.arm_model import Floats
 
 SPEED = re.compile(r"\$VEL\.CP=([0-9.eE+-]+)\Z")
 MOVE = re.compile(r"LIN \{([^}]*)\}(?: C_DIS)?\Z")

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from opcua_skill.programs.following import Followed, as_lines, as_splines, switches
 from opcua_skill.programs.registry import LANGUAGES
 from opcua_skill.programs.values import Comparison, Header, Language, Lines, Options, ProgramRefused, Splines
-from sim.arm import ArmModel, Floats
+from sim.arm_model import ArmModel, Floats
 from sim.kinematics import kinematics
 from sim.plan import MotionPlan
 

@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from sim.arm import Floats
+from sim.arm_model import Floats
 
 Reason = Literal[
     "AxesNotSpoken", "OrientationTurns", "ToleranceInvalid", "ToleranceLost", "TimingLost", "ValveLost",

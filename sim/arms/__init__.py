@@ -17,7 +17,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from sim.arm import ArmModel, Capsule, Limits, PathLimits, SpareTool, Tool
+from sim.arm_model import ArmModel, Capsule, Limits, PathLimits, SpareTool, Tool
 from sim.kinematics import kinematics
 
 NAMES = ("panda", "xarm6", "iiwa14")

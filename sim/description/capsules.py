@@ -7,7 +7,7 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.spatial import ConvexHull, QhullError
 
-from sim.arm import Capsule, Floats
+from sim.arm_model import Capsule, Floats
 
 DIGITS = 4
 ROUNDING = 10.0**-DIGITS

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from sim import arms
-from sim.arm import ArmModel
+from sim.arm_model import ArmModel
 from sim.clearance import Cell, check_clearance, needle
 from sim.description import urdf
 from sim.description.capsules import beyond

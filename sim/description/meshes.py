@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from sim.arm import Floats
+from sim.arm_model import Floats
 from sim.description.urdf import Shape
 
 RIM = 48

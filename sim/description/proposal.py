@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sim.arm import ArmModel, Capsule, Floats, Limits, PathLimits, Tool
+from sim.arm_model import ArmModel, Capsule, Floats, Limits, PathLimits, Tool
 from sim.clearance import Cell, between_links, least_distances
 from sim.description import urdf
 from sim.description.capsules import Fit, fit

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sim.arm import Bools, Floats
+from sim.arm_model import Bools, Floats
 from sim.kinematics import Kinematics
 
 SEEDS = 8

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from sim.arm import Floats
+from sim.arm_model import Floats
 from sim.description.findings import ArmFinding, error, warning
 from sim.description.meshes import HUGE, MeshRefused, mesh_file, points_of
 from sim.description.urdf import Description, Shape

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from sim.arm import Floats
+from sim.arm_model import Floats
 
 FEWEST = 4
 # In rad: poses turned less than that from each other say nothing of the tip.

@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from sim.arm import Floats
+from sim.arm_model import Floats
 from sim.description.findings import ArmFinding, error, note, warning
 from sim.kinematics import FEWEST_AXES, KINDS, MOST_AXES
 

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from sim.arm import ArmFault, ArmMode, ArmModel, ArmState, CommandRefused, Progress, Stopped, Trace
+from sim.arm import ArmFault, ArmMode, ArmState, CommandRefused, Progress, Stopped, Trace
+from sim.arm_model import ArmModel
 from sim.gate import check_start
 from sim.kinematics import kinematics
 from sim.plan import MotionPlan

@@ -14,8 +14,9 @@ from models.learning import learn
 from models.motion import Motion
 from models.people import ZIGZAG, ZIGZAG_IN_SPACE, simulated_people
 from sim import arms
-from sim.arm import ArmModel
-from sim.plan import MotionOrder, MotionPlan
+from sim.arm_model import ArmModel
+from sim.order import MotionOrder
+from sim.plan import MotionPlan
 
 ROBOTS = Path(__file__).parents[1] / "sim" / "robots"
 OWN = ("ur5e", "gantry", "scara")

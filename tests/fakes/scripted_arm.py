@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from sim.arm import ArmFault, ArmMode, ArmModel, ArmState, CommandRefused, Progress, StartRefused, Stopped, Trace
+from sim.arm import ArmFault, ArmMode, ArmState, CommandRefused, Progress, StartRefused, Stopped, Trace
+from sim.arm_model import ArmModel
 from sim.arms import load
 from sim.plan import MotionPlan
 

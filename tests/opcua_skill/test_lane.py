@@ -21,7 +21,8 @@ from opcua_skill.endings import is_lost
 from opcua_skill.lane import Lane
 from opcua_skill.run import NotAnyMore, Order
 from sim.arm import ArmFault, ArmMode, StartRefused, Trace
-from sim.plan import MotionPlan, plan_home
+from sim.plan import MotionPlan
+from sim.planner import plan_home
 
 LIMIT = 10.0
 NO_PLAN = cast(MotionPlan, None)

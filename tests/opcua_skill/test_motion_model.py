@@ -47,7 +47,9 @@ from opcua_skill.settings import Limits, Settings, Workstation
 from opcua_skill.stack.calls import Refused
 from sim.arm import ArmError
 from sim.arms import load
-from sim.plan import MotionOrder, MotionPlan, plan_home, plan_motion
+from sim.order import MotionOrder
+from sim.plan import MotionPlan
+from sim.planner import plan_home, plan_motion
 
 STEPS = int(os.environ.get("OPCUA_SKILL_MOTION_STEPS", "5000"))
 STEPS_A_DAY = 50

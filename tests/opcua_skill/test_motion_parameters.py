@@ -9,7 +9,7 @@ from models.learning import learn
 from opcua_skill.computations import MOST_TIME_STEPS, time_steps
 from opcua_skill.jobs.motion_parameters import motion_order, motion_parameters
 from sim.checks import check_order
-from sim.plan import MotionOrder
+from sim.order import MotionOrder
 
 
 def recipe(**parameters: float | str) -> Recipe:

@@ -14,8 +14,10 @@ from opcua_skill.programs.following import Followed
 from opcua_skill.programs.making import compared, program_of
 from opcua_skill.programs.registry import LANGUAGES
 from opcua_skill.programs.values import Header, Options, ProgramRefused
-from sim.arm import ArmModel
-from sim.plan import MotionOrder, MotionPlan, plan_motion
+from sim.arm_model import ArmModel
+from sim.order import MotionOrder
+from sim.plan import MotionPlan
+from sim.planner import plan_motion
 
 HEADER = Header("Zick(zack) – ü", 3, "a" * 64, "r1", "b" * 64, "c" * 64, "arm " + "d" * 16, "Erna, Jürgen")
 ORDER = MotionOrder(time_step=0.008, timing="constant_speed", speed=0.05, dispense_lead=0.03)

@@ -16,7 +16,7 @@ from small_corner import small_corner
 
 from opcua_skill.client import ArmLinks, JobReport, JobTrace, Mode, Recipe, Skill, SkillClient
 from sim.arms import load
-from sim.plan import MotionOrder
+from sim.order import MotionOrder
 
 if TYPE_CHECKING:
     from tests.conftest import Plant

@@ -6,8 +6,10 @@ import pytest
 from drawn_motion import DrawnMotion
 
 from sim import arms
-from sim.arm import ArmModel
-from sim.plan import MotionOrder, MotionPlan, plan_motion
+from sim.arm_model import ArmModel
+from sim.order import MotionOrder
+from sim.plan import MotionPlan
+from sim.planner import plan_motion
 
 
 @lru_cache(maxsize=64)

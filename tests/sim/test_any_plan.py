@@ -15,7 +15,8 @@ from sim import arms
 from sim.checks import TIMINGS, Code, MotionRefused
 from sim.execution import Execution, Phase
 from sim.kinematics import kinematics
-from sim.plan import MotionOrder, plan_motion
+from sim.order import MotionOrder
+from sim.planner import plan_motion
 
 CORNERS = st.lists(
     st.tuples(st.floats(-0.04, 0.04), st.floats(-0.04, 0.04), st.floats(0.0, 0.02)), min_size=2, max_size=5

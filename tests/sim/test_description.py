@@ -20,7 +20,7 @@ from sim.description.capsules import beyond, fit
 from sim.description.checking import check_arm, check_place
 from sim.description.proposal import NotDescribable, propose, written
 from sim.description.tool_point import PosesRefused, tool_point
-from sim.plan import plan_home
+from sim.planner import plan_home
 from sim.pybullet_arm import PyBulletArm
 
 BOX = '<collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision>'

@@ -14,7 +14,8 @@ from random_orders import own_arm
 from sim import arms
 from sim.conformance import left_path, line_plan
 from sim.execution import Execution, Phase, Recorder
-from sim.plan import MotionOrder, plan_motion
+from sim.order import MotionOrder
+from sim.planner import plan_motion
 from sim.rates import rates
 
 PLAN = line_plan(arms.load(), 0.03)

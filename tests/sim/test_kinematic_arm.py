@@ -12,7 +12,8 @@ from sim.arm import Arm, ArmFault, ArmMode
 from sim.conformance import ArmConformance, line_plan, outcome
 from sim.imperfection import Imperfection
 from sim.kinematic_arm import KinematicArm
-from sim.plan import MotionOrder, plan_motion
+from sim.order import MotionOrder
+from sim.planner import plan_motion
 from sim.traces import to_csv
 
 

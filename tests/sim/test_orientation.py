@@ -17,7 +17,9 @@ from sim.checks import MotionRefused
 from sim.clearance import Box, Cell
 from sim.kinematic_arm import KinematicArm
 from sim.kinematics import kinematics
-from sim.plan import MotionOrder, MotionPlan, plan_motion
+from sim.order import MotionOrder
+from sim.plan import MotionPlan
+from sim.planner import plan_motion
 
 RISE = ((0.0, 0.0, 0.0), (0.03, 0.02, 0.02), (0.0, 0.05, 0.03))
 ORDER = MotionOrder(time_step=0.004, duration=6.0)

@@ -12,13 +12,15 @@ from random_orders import OWN, ROBOTS, ends_pushed, largest_shares, own_arm
 from scipy.spatial.transform import Rotation
 
 from sim import arms
-from sim.arm import ArmModel
+from sim.arm_model import ArmModel
 from sim.arms import Changes, changed, read_model
 from sim.checks import MotionRefused
 from sim.clearance import Box, Cell, check_clearance, least_distances
 from sim.description.reach import reaching, seeds
 from sim.kinematics import kinematics
-from sim.plan import MotionOrder, MotionPlan, plan_home, plan_motion
+from sim.order import MotionOrder
+from sim.plan import MotionPlan
+from sim.planner import plan_home, plan_motion
 
 ORDER = MotionOrder(time_step=0.004, timing="constant_speed", speed=0.02)
 

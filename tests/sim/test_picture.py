@@ -10,9 +10,9 @@ import pytest
 from PIL import Image
 
 from sim import arms, picture
+from sim.order import MotionOrder
 from sim.picture import PictureFailed
 from sim.picture_worker import plate_of
-from sim.plan import MotionOrder
 
 
 def pixels_near(image, colour, tolerance=40):

@@ -16,7 +16,9 @@ from models.people import simulated_people
 from sim import arms
 from sim.checks import MotionRefused
 from sim.kinematics import kinematics
-from sim.plan import MotionOrder, MotionPlan, plan_home, plan_motion
+from sim.order import MotionOrder
+from sim.plan import MotionPlan
+from sim.planner import plan_home, plan_motion
 
 
 def refused(order, motion=None, arm="panda", **more):

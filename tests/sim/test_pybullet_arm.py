@@ -14,7 +14,8 @@ from sim import arms
 from sim.arm import ArmFault, ArmMode, Stopped
 from sim.conformance import away, left_path, line_plan, outcome
 from sim.imperfection import Imperfection
-from sim.plan import MotionOrder, plan_home, plan_motion
+from sim.order import MotionOrder
+from sim.planner import plan_home, plan_motion
 from sim.pybullet_arm import PyBulletArm
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")

@@ -14,7 +14,7 @@ import pytest
 from sim import arms
 from sim.arm import ArmFault, ArmMode, StartRefused
 from sim.conformance import away, line_plan, outcome, refusal
-from sim.plan import plan_home
+from sim.planner import plan_home
 from sim.pybullet_arm import PyBulletArm
 from tests.processes import alive
 

@@ -18,7 +18,9 @@ from random_orders import Case, ends_pushed, five_arms, largest_shares, own_arm,
 from scipy.spatial.transform import Rotation
 
 from sim.checks import MotionRefused
-from sim.plan import OF_THE_POSTURE, MotionOrder, MotionPlan, plan_motion
+from sim.order import MotionOrder
+from sim.plan import MotionPlan
+from sim.planner import OF_THE_POSTURE, plan_motion
 
 ORDERS = int(os.environ.get("PLAN_ORDERS", "40"))
 SLOWER = (0.8, 0.45, 0.13)

@@ -13,7 +13,8 @@ from sim.checks import MotionRefused
 from sim.clearance import Box, Cell
 from sim.conformance import line_plan, refusal
 from sim.kinematic_arm import KinematicArm
-from sim.plan import MotionOrder, plan_home, plan_motion
+from sim.order import MotionOrder
+from sim.planner import plan_home, plan_motion
 
 NOWHERE, NAN = math.inf, math.nan
 STEADY = MotionOrder(timing="constant_speed", speed=0.03)

@@ -10,7 +10,7 @@ from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from sim import arms
-from sim.arm import PathLimits
+from sim.arm_model import PathLimits
 from sim.kinematics import kinematics
 from sim.path import ToolPath
 from sim.rates import eased, rates, spline_velocities
