@@ -1,17 +1,19 @@
 """Processes that compute: learning and planning never run in the server's own. A dead worker is a named failure."""
 
 import asyncio
+import gc
+import itertools
 import logging
 import multiprocessing
 import os
 import signal
 import tempfile
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from multiprocessing import connection
-from typing import Any, TypeVar
+from multiprocessing import connection, forkserver, resource_tracker, util
+from typing import Any, NoReturn, TypeVar
 
 # A socket's path has room for 103 characters; multiprocessing puts it into `pymp-xxxxxxxx/listener-xxxxxxxx`.
 LONGEST_TEMPORARY_FOLDER = 103 - 32
@@ -55,8 +57,49 @@ def report_progress(fraction: float, _step: str = "") -> None:
         _progress.value = fraction
 
 
+def prepare() -> None:
+    """Fork the process that workers are forked from, with all that this one has imported.
+
+    For a process that is going to serve, before it has a thread, a loop or an open file: a fork copies none of them
+    well. Else that process is started when a worker is first wanted, and imports for itself.
+    """
+    if threading.active_count() > 1 or _context().get_start_method() != "forkserver":
+        return
+    resource_tracker.ensure_running()
+    started = util.spawnv_passfds
+    util.spawnv_passfds = _forked
+    try:
+        forkserver.ensure_running()
+    finally:
+        util.spawnv_passfds = started
+
+
+def _forked(_path: Any, _arguments: Any, kept: Sequence[int]) -> int:
+    """Do what `multiprocessing.util.spawnv_passfds` does for the process that forks workers, but keep what is here."""
+    pid = os.fork()
+    if pid == 0:
+        _fork_workers(kept)
+    return pid
+
+
+def _fork_workers(kept: Sequence[int]) -> NoReturn:
+    code = 1
+    try:
+        borders = [2, *sorted(kept), os.sysconf("SC_OPEN_MAX")]
+        for before, after in itertools.pairwise(borders):
+            os.closerange(before + 1, after)
+        forkserver._forkserver._lock = threading.Lock()  # pyright: ignore[reportAttributeAccessIssue]
+        gc.freeze()
+        gc.enable()
+        forkserver.main(*kept, preload=[])
+    except SystemExit:
+        code = 0
+    finally:
+        os._exit(code)
+
+
 def _context() -> Any:
-    """Return how workers start: forked from a clean server process that has imported the numerics, so in milliseconds.
+    """Return how workers start: forked from a process that has imported the numerics, so in milliseconds.
 
     Where there is no such thing (Windows), or no room for the path of its socket, they are spawned, each importing for
     itself.
@@ -65,7 +108,7 @@ def _context() -> Any:
     if "forkserver" not in multiprocessing.get_all_start_methods() or not short:
         return multiprocessing.get_context("spawn")
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["opcua_skill.computations", "sklearn.mixture"])
+    context.set_forkserver_preload(["opcua_skill.computations"])
     return context
 
 

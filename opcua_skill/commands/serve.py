@@ -41,6 +41,10 @@ def serve(
     logging.getLogger().setLevel(settings.log_level.upper())
     for name in ("asyncua", "sqlalchemy", "alembic"):
         logging.getLogger(name).setLevel(logging.WARNING)
+    import opcua_skill.server  # noqa: F401 - first, so that the workers have it all too
+    from opcua_skill import workers
+
+    workers.prepare()
     try:
         asyncio.run(keep_serving(settings, until_stdin_closes, data_options(settings, config)))
     except (ServedAlready, DataUnusable, CertificateUnusable, KeyIsOpen) as error:

@@ -141,3 +141,51 @@ def test_where_the_command_line_begins_imports_nothing() -> None:
     asked = "import sys; before = set(sys.modules); import opcua_skill.cli; print(*set(sys.modules) - before)"
     done = subprocess.run([sys.executable, "-c", asked], check=True, capture_output=True, text=True, timeout=LIMIT)
     assert set(done.stdout.split()) == {"opcua_skill", "opcua_skill.cli"}
+
+
+PREPARED = """
+import asyncio, gc, os, sys
+from opcua_skill import workers
+
+def seen():
+    links = [f"/proc/self/fd/{one}" for one in os.listdir("/proc/self/fd")]
+    files = [os.readlink(one) for one in links if os.path.exists(one)]
+    return "wave" in sys.modules, gc.isenabled(), __file__ in files
+
+async def main():
+    pool = workers.Workers(1, "test")
+    print(await pool.run("looking", seen, seconds=60.0), flush=True)
+    if sys.argv[1:] == ["wait"]:
+        await asyncio.sleep(3600)
+    pool.close()
+
+if __name__ == "__main__":
+    import wave  # nothing of ours does: a worker that has it was forked from here
+    gc.disable()
+    own = open(__file__)
+    workers.prepare()
+    asyncio.run(main())
+"""
+AS_PREPARED = "(True, True, False)"
+
+
+def prepared(folder: Path, *words: str) -> "subprocess.Popen[str]":
+    script = folder / "prepared.py"
+    script.write_text(PREPARED, encoding="utf-8")
+    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
+    return subprocess.Popen([sys.executable, str(script), *words], env=environment, stdout=subprocess.PIPE, text=True)
+
+
+def test_workers_of_a_prepared_process_have_what_it_had_imported(tmp_path: Path) -> None:
+    process = prepared(tmp_path)
+    told, _ = process.communicate(timeout=LIMIT)
+    assert (process.returncode, told.strip()) == (0, AS_PREPARED)
+
+
+def test_nobody_is_left_of_a_prepared_process_that_is_killed(tmp_path: Path) -> None:
+    process = prepared(tmp_path, "wait")
+    assert process.stdout is not None
+    assert process.stdout.readline().strip() == AS_PREPARED
+    process.kill()
+    told, _ = process.communicate(timeout=LIMIT)  # ends when the last one who has this pipe has gone
+    assert told == ""
