@@ -134,6 +134,8 @@ class Endings:
             return
         if end.state is JobState.ABORTED and report.state in {JobState.RUNNING, JobState.PAUSED}:
             await self._tell(await self._library.move_job(job_id, JobState.STOPPING))
+        if end.state is JobState.COMPLETED and report.state is JobState.PAUSED:  # it went on before that was written
+            await self._tell(await self._library.move_job(job_id, JobState.RUNNING))
         fields = {"end_time": datetime.now(UTC), "cause": end.cause, **more}
         if end.trace is not None and not end.seen_only:
             fields["tracking_error"] = end.trace.tracking_error()

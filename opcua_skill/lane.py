@@ -100,6 +100,13 @@ class Lane:
         run = self._run_of(job_id)
         return (None, None) if run is None or run.order.plan is None else place_at(run.order.plan, run.path_time)
 
+    def state_of(self, job_id: str) -> JobState | None:
+        """Return what the run of a job does, whatever is written of it; None where it does not run here."""
+        run = self._run_of(job_id)
+        if run is None or run.over.is_set() or run.state is JobState.QUEUED:
+            return None
+        return JobState.STOPPING if run.stop_because else run.state
+
     def reserve(self) -> None:
         """Keep a place for an order that is being written down."""
         self._reserved += 1
@@ -309,11 +316,11 @@ class Lane:
             if trouble is not Cause.NONE and self._queue is not None:
                 self._queue.hold(trouble, ARM_SIDE)
 
-    async def pause(self, job_id: str, because: str) -> JobReport:
-        """Stop on the path; the job can be resumed."""
+    async def pause(self, job_id: str, because: str) -> JobState:
+        """Stop on the path; the job can be resumed. Never in vain while the arm moves for it."""
         return await self._steering.pause(await self._at_work(job_id, JobState.RUNNING), because)
 
-    async def resume(self, job_id: str) -> JobReport:
+    async def resume(self, job_id: str) -> JobState:
         """Go on where the arm paused."""
         return await self._steering.resume(await self._at_work(job_id, JobState.PAUSED))
 

@@ -48,6 +48,7 @@ class Run:
     stop_because: str = ""
     stop_cause: Cause = Cause.ABORTED
     pause_wanted: bool = False
+    pauses_asked: int = 0
     progress: float = 0.0
     path_time: float = 0.0
     told_at: float = 0.0

@@ -8,9 +8,9 @@ import logging
 from collections.abc import Awaitable, Callable
 
 from library.description import Cause, JobReport, JobState
-from library.errors import NotAllowedInState
+from library.errors import LibraryError, LibraryUnusable, NotAllowedInState
 from library.store import SkillLibrary
-from opcua_skill.arm_queue import ArmQueue
+from opcua_skill.arm_queue import PATIENCE, ArmQueue
 from opcua_skill.endings import in_background
 from opcua_skill.run import Run
 from sim.arm import ArmError, ArmMode
@@ -46,35 +46,60 @@ class Steering:
         await self._tell(report)
         return report
 
-    async def pause(self, run: Run, because: str) -> JobReport:
-        """Stop on the path; the job can be resumed."""
-        async with self._moves:
-            self._check(run, JobState.RUNNING)
-            run.pause_wanted = True
-            try:
-                await run.arm.pause(because)
-            except ArmError:
-                run.pause_wanted = False
-                raise
-            if run.arm.state().mode is not ArmMode.PAUSED:
-                run.pause_wanted = False
-                raise NotAllowedInState(f"job {run.order.job_id}", "at its end", "it has to be running")
-            return await self._paused(run, Cause.NONE)
+    async def _keep_up(self, run: Run, to: JobState, **fields: object) -> None:
+        """Write down what became of a run under way; where its job is gone or says it has ended, the arm's word counts.
 
-    async def resume(self, run: Run) -> JobReport:
+        Only a store that cannot be used now is in the way: it is asked again.
+        """
+        try:
+            await self.move(run, to, **fields)
+        except LibraryUnusable:
+            raise
+        except LibraryError as differs:
+            _log.error("job %s is %s, but that cannot be written down: %s", run.order.job_id, to.value, differs)
+            run.state = to
+
+    async def pause(self, run: Run, because: str) -> JobState:
+        """Stop on the path; the job can be resumed. What moves pauses at once, whatever the database does or says."""
+        if run.arm.state().mode is ArmMode.RUNNING:
+            self._check_wanted(run, JobState.RUNNING)
+            await self._pause(run, because)
+        else:
+            async with self._moves:
+                self._check(run, JobState.RUNNING)
+                await self._pause(run, because)
+        await asyncio.wait({in_background(self._note(run))}, timeout=PATIENCE)
+        return JobState.PAUSED
+
+    async def _pause(self, run: Run, because: str) -> None:
+        run.pause_wanted, run.pauses_asked = True, run.pauses_asked + 1
+        try:
+            await run.arm.pause(because)
+        except ArmError:
+            run.pause_wanted = False
+            raise
+        if run.arm.state().mode is not ArmMode.PAUSED:
+            run.pause_wanted = False
+            raise NotAllowedInState(f"job {run.order.job_id}", "at its end", "it has to be running")
+
+    async def resume(self, run: Run) -> JobState:
         """Go on where the arm paused, whoever paused it."""
         async with self._moves:
-            self._check(run, JobState.PAUSED)
+            self._check_wanted(run, JobState.PAUSED)
             mode = run.arm.state().mode
             if mode is not ArmMode.PAUSED:
+                self._check(run, JobState.PAUSED)
                 raise NotAllowedInState(f"the arm of job {run.order.job_id}", mode.value, "it has to be paused")
             run.note_going_on()
-            report = await self.move(run, JobState.RUNNING, cause=Cause.NONE, **run.pauses)
+            if run.state is not JobState.RUNNING:  # a pause that was not written down yet
+                await self._keep_up(run, JobState.RUNNING, cause=Cause.NONE, **run.pauses)
             if run.stop_because:
                 raise NotAllowedInState(f"job {run.order.job_id}", JobState.STOPPING.value, "it has to be paused")
+            asked = run.pauses_asked
             await run.arm.resume()
-            run.pause_wanted = False
-            return report
+            if run.pauses_asked == asked:
+                run.pause_wanted = False
+            return JobState.RUNNING
 
     def stop(self, run: Run) -> asyncio.Task[None]:
         """Bring the arm to rest, asking again until the run is over; return the task that writes Stopping down."""
@@ -137,11 +162,11 @@ class Steering:
 
     async def _found_paused(self, run: Run) -> None:
         unasked = not run.pause_wanted
-        _log.warning("job %s is paused%s", run.order.job_id, " by the arm's own side" if unasked else "")
-        if (await self._library.job(run.order.job_id)).state is JobState.PAUSED:
-            run.state = JobState.PAUSED
-            return
-        await self._paused(run, Cause.UNASKED_PAUSE if unasked else Cause.NONE)
+        if unasked:
+            _log.warning("job %s is paused by the arm's own side", run.order.job_id)
+        run.note_pause()
+        cause = Cause.UNASKED_PAUSE if unasked else Cause.NONE
+        await self._keep_up(run, JobState.PAUSED, progress=run.progress, cause=cause, **run.pauses)
 
     async def _found_running(self, run: Run) -> None:
         if run.pause_wanted:
@@ -149,14 +174,16 @@ class Steering:
             await run.arm.pause("it went on although it is paused")
             return
         run.note_going_on()
-        await self.move(run, JobState.RUNNING, cause=Cause.NONE, **run.pauses)
-
-    async def _paused(self, run: Run, cause: Cause) -> JobReport:
-        run.note_pause()
-        return await self.move(run, JobState.PAUSED, progress=run.progress, cause=cause, **run.pauses)
+        await self._keep_up(run, JobState.RUNNING, cause=Cause.NONE, **run.pauses)
 
     def _check(self, run: Run, wanted: JobState) -> None:
         """Raise NotAllowedInState unless the run is in a state, and nobody wants it to end."""
-        state = JobState.STOPPING if run.stop_because else run.state
-        if state is not wanted or run.over.is_set():
+        self._check_wanted(run, wanted)
+        if run.state is not wanted:
+            raise NotAllowedInState(f"job {run.order.job_id}", run.state.value, f"it has to be {wanted.value.lower()}")
+
+    def _check_wanted(self, run: Run, wanted: JobState) -> None:
+        """Raise NotAllowedInState if the run is over, or somebody wants it to end."""
+        if run.stop_because or run.over.is_set():
+            state = JobState.STOPPING if run.stop_because else run.state
             raise NotAllowedInState(f"job {run.order.job_id}", state.value, f"it has to be {wanted.value.lower()}")

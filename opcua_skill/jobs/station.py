@@ -97,11 +97,11 @@ class Station:
     async def reset(self) -> None:
         """Acknowledge what stopped the arm, or make contact if there was none; it has not moved by it.
 
-        Raises ArmNotReady if the arm still does not answer.
+        An arm that was lost before contact was made needs both. Raises ArmNotReady if it still does not answer.
         """
         if self.arm.state().mode is not ArmMode.CLOSED:
             await self.arm.reset()
-        else:
+        if self.arm.state().mode is ArmMode.CLOSED:
             try:
                 await self.arm.open()
             except (ArmError, OSError) as silent:

@@ -6,6 +6,7 @@ from typing import Any
 
 from library.description import JobReport, JobState
 from library.errors import NotFound
+from library.lifecycle import FINAL_JOB_STATES
 from library.names import normal
 from library.store import SkillLibrary
 from library.values import check_text
@@ -53,24 +54,22 @@ class WorkstationMethods:
         report = await self.jobs.execute(self.station.name, chosen.skill_name, chosen, word, who.name)  # type: ignore[arg-type]
         return (report.job_id, report.state.value)
 
-    @property
-    def _lanes(self) -> tuple[Lane, Lane]:
-        return self.station.lane, self.station.simulation
-
     async def _lane_of(self, job_id: str) -> Lane:
-        """Return the lane that holds a job of this workstation; a job that has ended is in no lane."""
+        """Return the lane that holds a job of this workstation, whatever the database says; else where it belonged."""
+        for lane in (self.station.lane, self.station.simulation):
+            if lane.holds(job_id):
+                return lane
         report = await self.library.job(job_id)
         if report.workstation != self.station.name:
             raise NotFound("job", f"{job_id} of {self.station.name}")
-        lane = self.station.simulation if report.mode == "simulation" else self.station.lane
-        return lane
+        return self.station.simulation if report.mode == "simulation" else self.station.lane
 
     @refusing(blame="JobId", fields={"comment": "Comment"})
     async def pause_job(self, job_id: str, comment: str) -> tuple[Any, ...]:
         """Stop on the path; the job can be resumed."""
         check_text(comment, "comment", 2000)
-        report = await (await self._lane_of(job_id)).pause(job_id, comment or f"{caller().name} paused the job")
-        return (report.state.value,)
+        state = await (await self._lane_of(job_id)).pause(job_id, comment or f"{caller().name} paused the job")
+        return (state.value,)
 
     @refusing(blame="JobId", fields={"comment": "Comment"})
     async def resume_job(self, job_id: str, comment: str) -> tuple[Any, ...]:
@@ -79,13 +78,13 @@ class WorkstationMethods:
         lane = await self._lane_of(job_id)
         if lane is self.station.lane:
             self.lock.check(caller().session_id)
-        return ((await lane.resume(job_id)).state.value,)
+        return ((await lane.resume(job_id)).value,)
 
     @refusing(blame="JobId", fields={"comment": "Comment"})
     async def abort_job(self, job_id: str, comment: str) -> tuple[Any, ...]:
         """Take a job out of the queue or stop its motion; it is Stopping until the arm is at rest."""
         check_text(comment, "comment", 2000)
-        lane = next((one for one in self._lanes if one.holds(job_id)), None) or await self._lane_of(job_id)
+        lane = await self._lane_of(job_id)
         state = await lane.abort(job_id, comment or f"{caller().name} aborted the job", by=caller().name)
         return (state.value,)
 
@@ -98,6 +97,9 @@ class WorkstationMethods:
         """Return a report with how far the run is by now, or with what keeps the job waiting."""
         moves_the_arm = report.mode != "simulation"
         lane = self.station.lane if moves_the_arm else self.station.simulation
+        state = lane.state_of(report.job_id)
+        if state is not None and report.state in FINAL_JOB_STATES:  # somebody else wrote that: the arm's word counts
+            report = report.model_copy(update={"state": state})
         progress = lane.progress_of(report.job_id)
         if progress is not None and report.state in {JobState.RUNNING, JobState.PAUSED, JobState.STOPPING}:
             phase, place = lane.place_of(report.job_id)

@@ -516,6 +516,42 @@ async def test_an_abort_of_what_the_arm_runs_is_never_refused_whatever_the_datab
     assert bench.queue.status.because is Cause.ABORTED
 
 
+@pytest.mark.parametrize("case", STORED)
+async def test_what_the_arm_runs_can_be_paused_and_resumed_whatever_the_database_says(
+    case: str, bench: Bench, tmp_path: Path
+) -> None:
+    await bench.ask("one")
+    await bench.state("one", JobState.RUNNING)
+    await asyncio.wait_for(bench.arm.running.wait(), LIMIT)
+    await asyncio.to_thread(tamper, tmp_path / "skills.db", STORED[case])
+    for _ in range(2):
+        assert await bench.lane.pause("one", "look") is JobState.PAUSED
+        assert (bench.arm.state().mode, bench.lane.state_of("one")) == (ArmMode.PAUSED, JobState.PAUSED)
+        assert await bench.lane.resume("one") is JobState.RUNNING
+        assert (bench.arm.state().mode, bench.lane.state_of("one")) == (ArmMode.RUNNING, JobState.RUNNING)
+    assert not bench.queue.held, "a pause that was asked for holds nothing"
+    bench.arm.finish.set()
+    async with asyncio.timeout(LIMIT):
+        while bench.lane.busy_with:
+            await asyncio.sleep(0.01)
+    assert bench.lane.state_of("one") is None
+
+
+async def test_a_pause_counts_while_the_disk_is_full_and_is_written_down_once_it_is_not(
+    bench: Bench, full_disk: FullDisk
+) -> None:
+    await bench.ask("one")
+    await bench.state("one", JobState.RUNNING)
+    await asyncio.wait_for(bench.arm.running.wait(), LIMIT)
+    full_disk.full = True
+    assert await bench.lane.pause("one", "look") is JobState.PAUSED
+    assert bench.arm.state().mode is ArmMode.PAUSED
+    assert (await bench.library.job("one")).state is JobState.RUNNING
+    full_disk.full = False
+    report = await bench.state("one", JobState.PAUSED)
+    assert (report.cause, bench.queue.held) == (Cause.NONE, False)
+
+
 async def test_a_stop_that_comes_before_the_arm_has_begun_is_asked_again(bench: Bench) -> None:
     bench.arm.begins = asyncio.Event()
     await bench.ask("one")
