@@ -100,6 +100,22 @@ class JobReport(Value):
     paused_until: tuple[Moment, ...] = ()
 
 
+class JobOrder(Value):
+    """What a manufacturing system ordered of a workstation: ``content`` byte for byte as its interface encodes it.
+
+    ``job_id`` is the job the order became, written before that job is; empty: none yet. ``ended`` says how a client
+    ended the order itself.
+    """
+
+    workstation: Name
+    order_id: Annotated[Text, Field(min_length=1, max_length=128)]
+    content: bytes = Field(max_length=1_000_000)
+    job_id: Text = ""
+    ended: Literal["", "Stopped", "Aborted"] = ""
+    actor: Text = ""
+    received_at: Moment = Field(default_factory=now)
+
+
 class StationRecord(Value):
     """What is remembered of a workstation over a restart: whether its queue is held and why, and its speed override.
 

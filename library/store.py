@@ -20,11 +20,12 @@ from library.description import (
     VersionState,
 )
 from library.names import normal
-from library.records import JobTrace, User
+from library.records import JobOrder, JobTrace, User
 from library.rows import audit as audit_rows
 from library.rows import deployments as deployment_rows
 from library.rows import jobs as job_rows
 from library.rows import learned as learned_rows
+from library.rows import orders as order_rows
 from library.rows import recipes as recipe_rows
 from library.rows import recordings as recording_rows
 from library.rows import search
@@ -282,9 +283,9 @@ class SkillLibrary:
 
     # Jobs
 
-    async def add_job(self, report: JobReport) -> JobReport:
-        """Store a new job together with its recipe as it is now."""
-        await self._database.write(lambda connection: job_rows.add(connection, report))
+    async def add_job(self, report: JobReport, recipe: Recipe | None = None) -> JobReport:
+        """Store a new job together with the recipe it runs; without one, with its recipe as it is now."""
+        await self._database.write(lambda connection: job_rows.add(connection, report, recipe))
         return report
 
     async def move_job(self, job_id: str, to: JobState, **fields: Any) -> JobReport:
@@ -309,6 +310,32 @@ class SkillLibrary:
     async def jobs(self, state: str = "", limit: int = 0, workstation: str = "") -> list[JobReport]:
         """Return the newest jobs, the newest first."""
         return await self._database.read(lambda connection: job_rows.newest(connection, state, workstation, limit))
+
+    async def add_order(self, order: JobOrder, most: int) -> bool:
+        """Store a job order; return False, and store nothing, where ``most`` of the workstation have not ended."""
+        return await self._database.write(lambda connection: order_rows.add(connection, order, most))
+
+    async def order(self, workstation: str, order_id: str) -> JobOrder:
+        """Return a job order."""
+        return await self._database.read(lambda connection: order_rows.read(connection, workstation, order_id))
+
+    async def order_of_job(self, job_id: str) -> JobOrder | None:
+        """Return the job order that became a job, if one did."""
+        return await self._database.read(lambda connection: order_rows.of_job(connection, job_id))
+
+    async def orders(self, workstation: str, limit: int) -> list[JobOrder]:
+        """Return the job orders that have not ended and the newest ``limit`` of all, the newest first."""
+        return await self._database.read(lambda connection: order_rows.newest(connection, workstation, limit))
+
+    async def change_order(self, workstation: str, order_id: str, **fields: Any) -> JobOrder:
+        """Change fields of a job order and return what it is now."""
+        return await self._database.write(
+            lambda connection: order_rows.change(connection, workstation, order_id, fields)
+        )
+
+    async def remove_order(self, workstation: str, order_id: str) -> None:
+        """Forget a job order."""
+        await self._database.write(lambda connection: order_rows.remove(connection, workstation, order_id))
 
     async def interrupt_unfinished(self) -> list[JobReport]:
         """Fail, as Interrupted, every job that has not ended: for a server that starts, when nobody works on them."""

@@ -197,6 +197,22 @@ jobs = Table(
     sqlite_autoincrement=True,
 )
 
+job_orders = Table(
+    "job_orders",
+    metadata,
+    Column("number", Serial, primary_key=True),
+    Column("workstation", name(), nullable=False),
+    Column("order_id", name(), nullable=False),
+    Column("content", LargeBinary, nullable=False),
+    Column("job_id", name(), nullable=False),
+    Column("ended", String(16), nullable=False),
+    Column("actor", sql.Text, nullable=False),
+    Column("received_at", Moment, nullable=False),
+    Index("uq_job_orders_workstation_order_id", "workstation", "order_id", unique=True),
+    Index("ix_job_orders_by_job", "job_id"),
+    sqlite_autoincrement=True,
+)
+
 stations = Table(
     "stations",
     metadata,

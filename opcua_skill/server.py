@@ -5,7 +5,7 @@ import contextlib
 import logging
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 from urllib.parse import urlsplit
 
 from asyncua import ua
@@ -40,6 +40,7 @@ from opcua_skill.nodes.edits import add_edits
 from opcua_skill.nodes.homing import add_homing
 from opcua_skill.nodes.library import add_library
 from opcua_skill.nodes.namespaces import add_namespaces
+from opcua_skill.nodes.nodesets import OF_FACES
 from opcua_skill.nodes.queue import add_queue
 from opcua_skill.nodes.recorder import RecorderNodes, add_recorder
 from opcua_skill.nodes.sessions import add_sessions
@@ -63,6 +64,9 @@ from sim.arm import ArmError, ArmState
 from sim.arm_model import ArmModel
 from sim.gate import LOWEST_OVERRIDE
 
+if TYPE_CHECKING:
+    from opcua_skill.faces.jobs.nodes import JobFace
+
 SHOW_STATE_EVERY = 0.1
 MENTION_REFUSALS_EVERY = 1.0
 PAGE = 500
@@ -80,6 +84,7 @@ class _Face:
     lock: ArmLock
     skills: SkillNodes
     recorder: RecorderNodes
+    jobs: "JobFace | None" = None
     shown: ArmState | None = None
     shown_lock: tuple[bool, str] = (False, "")
 
@@ -199,7 +204,7 @@ class SkillServerApp:
             on_written=self._record_write,
         )
         await self.server.init()
-        self._tree = await Tree.on(self.server)
+        self._tree = await Tree.on(self.server, [name for face in settings.faces for name in OF_FACES[face]])
         await add_types(self._tree)
         await add_namespaces(self._tree)
         self._tidings = Tidings(self._tree)
@@ -256,6 +261,14 @@ class SkillServerApp:
         recording = RecorderMethods(name, self._methods, self.settings.limits, self.server.iserver.is_connected)
         recorder = await add_recorder(self._tree, recording)
         self._faces[name] = _Face(station, lock, skills, recorder)
+        if "jobs" in self.settings.faces:
+            from opcua_skill.faces.jobs.nodes import JobFace  # its cost is paid by who has configured it
+
+            jobs = JobFace(self._tree, self.library, self.jobs, station, lock, self.settings.limits.max_job_orders)
+            await jobs.add()
+            self._faces[name].jobs = jobs
+            self._tidings.on_job.append(jobs.job_changed)
+            self._tidings.on_deployment.append(jobs.deployment_changed)
 
         async def set_override(value: Any) -> None:
             try:
@@ -337,6 +350,9 @@ class SkillServerApp:
     async def _queue_changed(self, workstation: str, status: QueueStatus) -> None:
         if workstation in self._faces:
             await self._tidings.queue_changed(workstation, status)
+            jobs = self._faces[workstation].jobs
+            if jobs is not None:
+                await jobs.orders.show()
 
     async def _job_changed(self, report: JobReport) -> None:
         face = self._faces.get(report.workstation)

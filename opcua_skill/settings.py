@@ -116,6 +116,12 @@ class Limits(Section):
     max_demonstrations: int = Field(default=200, ge=2, description="demonstrations in one call")
     max_points_per_demonstration: int = Field(default=100_000, ge=2, description="samples of one demonstration")
     max_queued_jobs: int = Field(default=20, ge=1, description="jobs waiting for one arm, and for learning")
+    max_job_orders: int = Field(
+        default=100,
+        ge=1,
+        le=1000,
+        description="job orders of one workstation that have not ended, and how many are listed",
+    )
     max_trajectory_samples: int = Field(default=150_000, ge=2, description="samples in one answer of GetTrajectory")
     max_content: int = Field(default=4_000_000, ge=1, description="characters of a document for ImportSkill")
     max_duration: float = Field(default=36_000.0, gt=0, description="seconds that a path may take")
@@ -168,6 +174,9 @@ class Settings(BaseSettings):
     )
     workstations: tuple[Workstation, ...] = Field(
         default=(Workstation(),), min_length=1, description="the workstations served"
+    )
+    faces: tuple[Literal["jobs"], ...] = Field(
+        default=(), description="companion specifications shown beside our own nodes: jobs is OPC 40001-3 with 10031-4"
     )
     limits: Limits = Field(default=Limits(), description="limits of one request")
     learning: Learning = Field(default=Learning(), description="the learning workers")

@@ -37,11 +37,12 @@ _MAY_CHANGE = frozenset(
 )
 
 
-def add(connection: sql.Connection, report: JobReport) -> None:
+def add(connection: sql.Connection, report: JobReport, recipe: Recipe | None = None) -> None:
     """Store a new job, with its recipe as it is now: what is changed later does not change what this job ran."""
     if connection.scalar(sql.select(jobs.c.number).where(jobs.c.job_id == report.job_id)) is not None:
         raise AlreadyExists("job", report.job_id)
-    recipe = recipes.read(connection, report.recipe_id) if report.recipe_id else None
+    if recipe is None and report.recipe_id:
+        recipe = recipes.read(connection, report.recipe_id)
     connection.execute(
         jobs.insert().values(
             job_id=report.job_id,

@@ -123,9 +123,11 @@ class JobEngine:
         station = next(iter(self.stations.values()))
         return Recipe(recipe_id=f"{skill_name}-default", skill_name=skill_name, frame=station.model.part_frame)
 
-    async def execute(self, station_name: str, skill_name: str, recipe: Recipe, mode: Mode, actor: str) -> JobReport:
+    async def execute(
+        self, station_name: str, skill_name: str, recipe: Recipe, mode: Mode, actor: str, job_id: str = ""
+    ) -> JobReport:
         """Check a run completely, then queue it; see ``ExecutionJobs.execute``."""
-        return await self._execution.execute(self.stations[station_name], skill_name, recipe, mode, actor)
+        return await self._execution.execute(self.stations[station_name], skill_name, recipe, mode, actor, job_id)
 
     async def check(self, station_name: str, recipe: Recipe, version: int) -> RunCheck:
         """Plan a run without queueing it; see ``RunChecks.check``."""

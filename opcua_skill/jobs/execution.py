@@ -39,7 +39,9 @@ class ExecutionJobs:
         self._planning = planning
         self._tell = tell
 
-    async def execute(self, station: Station, skill_name: str, recipe: Recipe, mode: Mode, actor: str) -> JobReport:
+    async def execute(
+        self, station: Station, skill_name: str, recipe: Recipe, mode: Mode, actor: str, job_id: str = ""
+    ) -> JobReport:
         """Check a run completely, then queue it. Nothing has moved when this returns.
 
         While the arm's queue is held, a run is taken and waits: it begins once somebody has released the queue.
@@ -55,7 +57,7 @@ class ExecutionJobs:
         self._room_on(lane)
         planned = await self._planning.plan(station, description, recipe, TEST_SPEED if mode == "test" else 1.0)
         report = JobReport(
-            job_id=new_job_id("run"),
+            job_id=job_id or new_job_id("run"),
             kind="Execution",
             skill_name=skill_name,
             skill_version=description.version,
@@ -65,7 +67,7 @@ class ExecutionJobs:
             actor=actor,
         )
         if isinstance(planned, PlanRefused):
-            raise MotionNotPossible(await self._refused(report, planned.findings))
+            raise MotionNotPossible(await self._refused(report, recipe, planned.findings))
         self._room_on(lane)
         notes = "; ".join(text for text in (_words(planned.findings), f"plan {planned.digest}") if text)
         told = {
@@ -78,7 +80,7 @@ class ExecutionJobs:
         report = report.model_copy(update=told)
         lane.reserve()
         try:
-            await self._library.add_job(report)
+            await self._library.add_job(report, recipe)
         except BaseException:
             lane.release()
             raise
@@ -97,9 +99,9 @@ class ExecutionJobs:
         if lane.waiting >= self._settings.limits.max_queued_jobs:
             raise QueueFull(f"{lane.waiting} jobs are waiting: try again when one has ended")
 
-    async def _refused(self, report: JobReport, findings: Sequence[Finding]) -> JobReport:
+    async def _refused(self, report: JobReport, recipe: Recipe, findings: Sequence[Finding]) -> JobReport:
         """Write down a refused run: a failed job that never moved, so that its reason and place can be read."""
-        await self._library.add_job(report)
+        await self._library.add_job(report, recipe)
         failed = await self._library.move_job(
             report.job_id,
             JobState.FAILED,

@@ -4,6 +4,7 @@ import gzip
 import hashlib
 import json
 import logging
+from collections.abc import Sequence
 from importlib.resources import files
 from xml.etree import ElementTree
 
@@ -19,7 +20,13 @@ from opcua_skill.stack.values import node_id
 DI = "http://opcfoundation.org/UA/DI/"
 IA = "http://opcfoundation.org/UA/IA/"
 MACHINERY = "http://opcfoundation.org/UA/Machinery/"
+ISA95 = "http://opcfoundation.org/UA/ISA95-JOBCONTROL_V2/"
+MACHINERY_JOBS = "http://opcfoundation.org/UA/Machinery/Jobs/"
+MODEL = "http://opcfoundation.org/UA/2011/03/UANodeSet.xsd"
+BYTE = "i=3"
 NEEDED = ("di", "ia", "machinery")
+OF_FACES = {"jobs": ("isa95_jobcontrol_v2", "machinery_jobs")}
+"""What a face is built from, beyond what every server has."""
 # References of which the target need not know (OPC 10000-3 and 10000-5), as asyncua's importer has them.
 ONE_WAY = frozenset(
     node_id(number)
@@ -51,7 +58,9 @@ class NodeSetDamaged(RuntimeError):
 def node_set(name: str) -> str:
     """Return the XML text of a NodeSet after checking its SHA-256 against the package's manifest.
 
-    DI marks nine nodes ``DesignToolOnly``; they have no parent, and a server must not offer them: dropped here.
+    DI marks nine nodes ``DesignToolOnly``; they have no parent, and a server must not offer them: dropped here. So are
+    the definitions of option sets on a Byte, of which asyncua's importer can make no class: the type stays, its bits
+    are told by its OptionSetValues.
     """
     bundle = files("o6_nodeset_compiler") / "bundle"
     manifest = json.loads((bundle / "manifest.json").read_text(encoding="utf-8"))
@@ -68,7 +77,16 @@ def node_set(name: str) -> str:
     for node in list(root):
         if node.get("DesignToolOnly") == "true":
             root.remove(node)
+        definition = node.find(f"{{{MODEL}}}Definition")
+        if definition is not None and definition.get("IsOptionSet") == "true" and _base(node) == BYTE:
+            node.remove(definition)
     return ElementTree.tostring(root, encoding="unicode")
+
+
+def _base(data_type: ElementTree.Element) -> str:
+    """Return the NodeId of what a data type is a subtype of, as the NodeSet writes it."""
+    references = data_type.findall(f"{{{MODEL}}}References/{{{MODEL}}}Reference")
+    return next((one.text or "" for one in references if one.get("ReferenceType") == "HasSubtype"), "")
 
 
 class Importer(XmlImporter):
@@ -121,14 +139,14 @@ def _back(reference: ua.ReferenceDescription, source: NodeData) -> ua.ReferenceD
     return back
 
 
-async def load_node_sets(server: Server) -> None:
-    """Import the companion specifications that our faces are built from."""
+async def load_node_sets(server: Server, further: Sequence[str] = ()) -> None:
+    """Import the companion specifications that every server has, and those of the faces that are configured."""
     importer_log = logging.getLogger("asyncua.common.xmlimporter")
     level = importer_log.level
     importer_log.setLevel(logging.ERROR)  # it warns about the published NodeSets' own slips
     try:
-        for name in NEEDED:
+        for name in (*NEEDED, *further):
             await Importer(server).import_xml(xmlstring=node_set(name))
     finally:
         importer_log.setLevel(level)
-    _log.info("companion NodeSets loaded: %s", ", ".join(NEEDED))
+    _log.info("companion NodeSets loaded: %s", ", ".join((*NEEDED, *further)))

@@ -30,11 +30,11 @@ class Tree:
         self._session = server.iserver.isession
 
     @classmethod
-    async def on(cls, server: Server) -> "Tree":
+    async def on(cls, server: Server, further_node_sets: Sequence[str] = ()) -> "Tree":
         """Register our two namespaces first, so that their indices never depend on the companions; then load those."""
         for uri in (TYPES, INSTANCES):
             await server.register_namespace(uri)
-        await load_node_sets(server)
+        await load_node_sets(server, further_node_sets)
         uris = await server.get_namespace_array()
         return cls(server, {uri: index for index, uri in enumerate(uris)})
 
