@@ -35,8 +35,8 @@ async def deployed(plant: "Plant") -> None:
     """Have a skill learned, approved and deployed, as people have done before any order comes."""
     async with plant.sign_in("teacher") as teacher, plant.sign_in("engineer") as engineer:
         await teacher.learn_to_the_end("glue", small_corner(5), semantic_type="Gluing")
-        description = await engineer.get_skill("glue", 1)
-        await engineer.approve("glue", 1, bytes.fromhex(description.model_digest))
+        description = await engineer.skill("glue", 1)
+        await engineer.approve("glue", 1, description.model_digest)
         await engineer.deploy("glue", 1, "ws1")
 
 
