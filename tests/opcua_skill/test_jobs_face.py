@@ -174,6 +174,7 @@ async def test_what_nobody_could_obey_is_refused_and_not_stored(plant: "Plant", 
     async with signed_in(plant) as mes:
         for order, bits in (
             (an_order("r1", "nothing@1"), 1 << 4 | 1 << 37),
+            (an_order("r0", "glue@99999999999999999999"), 1 << 4 | 1 << 37),
             (an_order("r2", Colour=ua.Variant("red")), 1 << 32),
             (an_order("r3", SpeedOverride=ua.Variant(7.0, double)), 1 << 32),
             (an_order("r4", RunsPlanned=ua.Variant(3, ua.VariantType.UInt32)), 1 << 32),
@@ -181,7 +182,7 @@ async def test_what_nobody_could_obey_is_refused_and_not_stored(plant: "Plant", 
             (an_order(""), 1 << 32),
         ):
             assert await mes.order("StoreAndStart", order) == bits, order
-        assert not {"r1", "r2", "r3", "r4", "r5", ""} & set(await mes.listed())
+        assert not {"r0", "r1", "r2", "r3", "r4", "r5", ""} & set(await mes.listed())
 
 
 async def test_orders_and_the_held_queue_outlive_a_kill(plant: "Plant", deployed: None) -> None:

@@ -51,7 +51,7 @@ def answering(method: Handler) -> Handler:
         except OrderRefused as refusal:
             bits, why = refusal.bits, refusal
         except tuple(BITS) as error:
-            bits, why = BITS[type(error)], error
+            bits, why = next(bits for kind, bits in BITS.items() if isinstance(error, kind)), error
         _log.warning("%s refused with %s: %s", method.__name__, ", ".join(bit.name for bit in bits), why)
         return (return_status(*bits),)
 

@@ -7,6 +7,7 @@ from typing import Any
 
 from library.description import JobReport, JobState
 from library.errors import NotFound
+from library.lifecycle import FINAL_JOB_STATES
 from library.records import JobOrder
 from library.store import SkillLibrary
 from library.values import check_text
@@ -241,7 +242,7 @@ class JobOrders:
         if len(masters) != 1:
             raise OrderRefused(f"{len(masters)} work masters are named: it has to be one", Bit.INVALID_REQUEST)
         name, _, version = masters[0].ID.rpartition("@")
-        number = int(version) if name and version.isascii() and version.isdigit() else 0
+        number = int(version) if name and version.isascii() and version.isdigit() and len(version) < 10 else 0
         name = name if number else masters[0].ID
         description = await self._library.description(name, number)
         places = {one.ID for one in content.EquipmentRequirements or []} - {self._station.name}
@@ -315,6 +316,8 @@ class JobOrders:
         if report.workstation != self._station.name or report.kind != "Execution" or report.job_id in self._beginning:
             return
         order = await self._library.order_of_job(report.job_id)
+        if order is not None and report.state in FINAL_JOB_STATES:
+            self._begun.pop(order.order_id, None)
         await self._changed((order, report), report.job_id if order is None else order.order_id)
 
     async def changed(self, order_id: str) -> None:
