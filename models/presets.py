@@ -12,8 +12,10 @@ from models.paper import fit_as_published
 from models.recommended import fit_recommended
 
 FILTER_WINDOW = 0.07
-"""The moving average of the paper's preset, in s: seven samples at 100 Hz, with which the figures of its comparison
-were measured. The paper names the filter and not its width."""
+"""The moving average of the paper's preset, in s: seven samples at 100 Hz, with which its figures were measured.
+
+The paper names the filter and not its width.
+"""
 
 
 @dataclass(frozen=True, slots=True)
