@@ -160,6 +160,7 @@ def program(
     turn_tolerance: Annotated[float, typer.Option(help="the most by which the tool may lean off, rad")] = 2e-3,
     name: Annotated[str, typer.Option(metavar="NAME", help="the program's name on the controller")] = "skill",
     valve: Annotated[int, typer.Option(min=0, max=4096, help="digital output of the valve")] = 1,
+    tool: Annotated[int, typer.Option(min=1, max=99, help="the controller's number of the tool's tip")] = 1,
     version: Annotated[
         int, typer.Option(min=0, help="version of the skill; 0 is the recipe's, or the deployed one")
     ] = 0,
@@ -177,7 +178,7 @@ def program(
 
     place = place_of(arm, config, on)
     recipe, skill = with_client(server, user, work)
-    options = Options(tolerance, turn_tolerance, name, valve)
+    options = Options(tolerance, turn_tolerance, name, valve, tool)
     text, found, spoken = programmed(skill, recipe, place, language.value, options)
     output.parent.mkdir(parents=True, exist_ok=True)
     output.write_text(text, encoding="ascii")

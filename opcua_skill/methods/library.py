@@ -296,8 +296,9 @@ class LibraryMethods:
 
     @refusing(blame="SkillName")
     async def list_recipes(self, skill_name: str) -> tuple[Any, ...]:
-        """Return the recipes of a skill."""
-        await self.library.description(skill_name)
+        """Return the recipes of a skill, or of all where none is named."""
+        if skill_name:
+            await self.library.description(skill_name)
         return ([wire_recipe(one) for one in await self.library.recipes(skill_name)],)
 
     @refusing(blame="RecipeId")

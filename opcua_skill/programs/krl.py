@@ -15,6 +15,8 @@ TRIGGER = re.compile(r"TRIGGER WHEN DISTANCE=0 DELAY=0 DO \$OUT\[[0-9]+\]=(TRUE|
 OUTPUT = re.compile(r"\$OUT\[[0-9]+\]=(TRUE|FALSE)\Z")
 # A line shorter than that, m, is a rest: its time is waited.
 REST = 1e-7
+# Per cent of the joints' speed and acceleration on the way to home: what INITMOV leaves is all that they can.
+SLOWLY = 5
 
 
 def write(commanded: Lines | Splines, header: Header, options: Options, start: tuple[float, ...]) -> str:
@@ -27,8 +29,12 @@ def write(commanded: Lines | Splines, header: Header, options: Options, start: t
         f"DEF {options.name}( )",
         *(f"; {name}: {ascii_of(value)}" for name, value in header.rows()),
         f"; tolerance {1e3 * options.tolerance:.4f} mm, corners rounded by the controller included",
-        "; the tool has to be measured at its tip, the base is the arm's own",
+        f"; TOOL_DATA[{options.tool}] has to be measured at the tip of the tool; base 0 is the arm's own",
         "BAS(#INITMOV,0)",
+        f"BAS(#TOOL,{options.tool})",
+        "BAS(#BASE,0)",
+        f"BAS(#VEL_PTP,{SLOWLY})",
+        f"BAS(#ACC_PTP,{SLOWLY})",
         f"{output}=FALSE",
         f"PTP {{{joints}}}",
         f"$APO.CDIS={0.5e3 * options.tolerance:.5f}",

@@ -21,6 +21,7 @@ def write(commanded: Lines | Splines, header: Header, options: Options, start: t
     name = options.name.upper()
     body = [f"  !{part} ;" for title, value in header.rows() for part in _comments(title, value)]
     body += [f"  !tolerance {1e3 * options.tolerance:.4f} mm ;", "  !corners: CNT100, not bounded ;"]
+    body += ["  UFRAME_NUM=0 ;", f"  UTOOL_NUM={options.tool} ;"]
     body += [f"  DO[{options.output}]=OFF ;", "J P[1] 5% FINE ;"]
     switching = switching_at(commanded)
     last = len(commanded.times) - 1
@@ -46,7 +47,7 @@ def write(commanded: Lines | Splines, header: Header, options: Options, start: t
         lines += [
             f"P[{row + 1}]{{",
             "   GP1:",
-            "    UF : 0, UT : 1,  CONFIG : 'N U T, 0, 0, 0',",
+            f"    UF : 0, UT : {options.tool},  CONFIG : 'N U T, 0, 0, 0',",
             f"    X = {x:.4f} mm, Y = {y:.4f} mm, Z = {z:.4f} mm,",
             f"    W = {w:.5f} deg, P = {p:.5f} deg, R = {r:.5f} deg",
             "};",

@@ -9,9 +9,9 @@ from opcua_skill.programs.values import Header, Language, Lines, Options, Spline
 ZONE = re.compile(r"CONST zonedata \w+:=\[FALSE,")
 NUMBERS = r"\[([^\]]*)\]"
 MOVE = re.compile(
-    rf"    MoveL(DO)? \[{NUMBERS},{NUMBERS},\[0,0,0,0\],\[[9E,]*\]\],v100\\T:=([0-9.]+),\w+,tool0(?:,\w+,([01]))?;\Z"
+    rf"    MoveL(DO)? \[{NUMBERS},{NUMBERS},\[0,0,0,0\],\[[9E,]*\]\],v100\\T:=([0-9.]+),\w+,tool\d+(?:,\w+,([01]))?;\Z"
 )
-START = re.compile(rf"    MoveL \[{NUMBERS},{NUMBERS},\[0,0,0,0\],\[[9E,]*\]\],v10,fine,tool0;\Z")
+START = re.compile(rf"    MoveL \[{NUMBERS},{NUMBERS},\[0,0,0,0\],\[[9E,]*\]\],v10,fine,tool\d+;\Z")
 SET = re.compile(r"    SetDO \w+,([01]);\Z")
 # Times are written to the microsecond: rounded one by one, thousands of them would drift.
 QUANTUM = 1e-6
@@ -21,19 +21,19 @@ FREE = "[9E9,9E9,9E9,9E9,9E9,9E9]"
 def write(commanded: Lines | Splines, header: Header, options: Options, start: tuple[float, ...]) -> str:
     """Return a module of lines; ``start`` is where the arm's joints are at its beginning."""
     assert isinstance(commanded, Lines)
-    signal, zone = f"doValve{options.output}", 0.5e3 * options.tolerance
+    signal, tool, zone = f"doValve{options.output}", f"tool{options.tool}", 0.5e3 * options.tolerance
     joints = ",".join(f"{one:.5f}" for one in np.degrees(start))
     lines = [
         f"MODULE {options.name}",
         *(f"  ! {name}: {ascii_of(value)}" for name, value in header.rows()),
         f"  ! tolerance {1e3 * options.tolerance:.4f} mm, corners rounded by the controller included",
-        "  ! tool0 has to be the tip of the tool, the world frame the arm's base",
+        f"  ! {tool} has to be measured at the tip, tool0 is the flange; the world frame has to be the base",
         f"  CONST zonedata zoneSkill:=[FALSE,{zone:.5f},{zone:.5f},{zone:.5f},0.1,{zone:.5f},0.1];",
         f"  PROC run_{options.name}()",
         "    ConfL\\Off;",
         f"    SetDO {signal},0;",
-        f"    MoveAbsJ [[{joints}],{FREE}],v10,fine,tool0;",
-        f"    MoveL {_target(commanded, 0)},v10,fine,tool0;",
+        f"    MoveAbsJ [[{joints}],{FREE}],v10,fine,{tool};",
+        f"    MoveL {_target(commanded, 0)},v10,fine,{tool};",
     ]
     switching = switching_at(commanded)
     lines += [f"    SetDO {signal},{int(opens)};" for opens in switching.get(0, ())]
@@ -43,7 +43,7 @@ def write(commanded: Lines | Splines, header: Header, options: Options, start: t
         first, *more = switching.get(row, ()) or (None,)
         zone_name = "zoneSkill" if row < last else "fine"
         move, output = ("MoveL", "") if first is None else ("MoveLDO", f",{signal},{int(first)}")
-        lines.append(f"    {move} {_target(commanded, row)},v100\\T:={took:.6f},{zone_name},tool0{output};")
+        lines.append(f"    {move} {_target(commanded, row)},v100\\T:={took:.6f},{zone_name},{tool}{output};")
         lines += [f"    SetDO {signal},{int(bool(opens))};" for opens in more]
     return "\n".join([*lines, f"    SetDO {signal},0;", "  ENDPROC", "ENDMODULE", ""])
 

@@ -95,12 +95,16 @@ class Header:
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """How a program is written: the most by which its path may be off (m and rad), its name, and the valve's output."""
+    """How a program is written: the most by which its path may be off (m and rad), its name, output and tool.
+
+    ``output`` is the valve's; ``tool`` the number under which the controller knows the tool by its measured tip.
+    """
 
     tolerance: float = 5e-5
     turn_tolerance: float = 2e-3
     name: str = "skill"
     output: int = 1
+    tool: int = 1
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,12 +2,12 @@
 
 import math
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, product
 from pathlib import Path
 
 import numpy as np
 
-from sim.arm_model import ArmModel, Capsule, Floats, Limits, PathLimits, Tool
+from sim.arm_model import ArmModel, Bools, Capsule, Floats, Limits, PathLimits, Tool
 from sim.clearance import Cell, between_links, least_distances
 from sim.description import urdf
 from sim.description.capsules import Fit, fit
@@ -116,11 +116,13 @@ def _limits(moving: list[urdf.JointRow]) -> tuple[Limits, dict[str, str]]:
         upper.append(high)
         slow = SLOW_SLIDE if joint.kind == "prismatic" else SLOW_TURN
         speeds.append(joint.velocity if joint.velocity else slow)
+    soft = [joint.name for joint in moving if joint.soft]
+    kept = f", {', '.join(soft)} by safety_controller" if soft else ""
     invented = f", {', '.join(chosen)} chosen" if chosen else ""
     without = [joint.name for joint in moving if not joint.velocity]
     slower = f", {', '.join(without)} chosen low" if without else ""
     sources = {
-        "position": f"limit elements of the URDF{invented}: to be confirmed with the controller's manual",
+        "position": f"limit elements of the URDF{kept}{invented}: to be confirmed with the controller's manual",
         "velocity": f"limit elements of the URDF{slower}: to be confirmed with the controller's manual",
         "acceleration": f"chosen low, full speed in {TO_SPEED:g} s: to be confirmed with the controller's manual",
         "jerk": f"chosen low, full acceleration in {TO_PUSH:g} s: to be confirmed with the controller's manual",
@@ -197,7 +199,10 @@ def _home(model: ArmModel, chain: Kinematics, low: Floats, high: Floats) -> tupl
     both = below.reached & ((below.joints >= chain.lower) & (below.joints <= chain.upper)).all(axis=1)
     joints = joints[both]
     if not len(joints):
-        text = "no place was found that the nozzle reaches pointing down: name another --tip, or turn its frame"
+        shorter = ", or a shorter --needle" if model.tool.length else ""
+        text = (
+            f"no place was found that the nozzle reaches pointing down: name another --tip{shorter}, or turn its frame"
+        )
         raise NotDescribable([error("WorkspaceUnreachable", model.name, text)])
     ranges = np.where(chain.slides, chain.upper - chain.lower, np.minimum(chain.upper - chain.lower, FULL))
     spare = np.minimum(np.minimum(joints - chain.lower, chain.upper - joints) / ranges, 0.25).min(axis=1)
@@ -221,28 +226,14 @@ def _box(
     chain: Kinematics, low: Floats, high: Floats, home: Floats, height: float
 ) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
     """Return a box around home in which every place looked at is reached with the nozzle down."""
-    counts = (7, 7, 6)
+    counts = (11, 11, 7)
     steps = (high - low) / (np.array(counts) - 1)
     start = low + (home - low) % steps
     axes = [start[k] + steps[k] * np.arange(-1, counts[k] + 1) for k in range(3)]
     axes = [axis[(axis >= low[k] - 1e-9) & (axis <= high[k] + 1e-9)] for k, axis in enumerate(axes)]
     shape = tuple(len(axis) for axis in axes)
     good = reachable(chain, np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3), DOWN).reshape(shape)
-    first = [int(np.abs(axis - home[k]).argmin()) for k, axis in enumerate(axes)]
-    last = list(first)
-    grown = True
-    while grown:
-        grown = False
-        for k in range(3):
-            for ends, step in ((first, -1), (last, 1)):
-                wider = ends[k] + step
-                if not 0 <= wider < shape[k]:
-                    continue
-                before, ends[k] = ends[k], wider
-                if good[tuple(slice(a, b + 1) for a, b in zip(first, last, strict=True))].all():
-                    grown = True
-                else:
-                    ends[k] = before
+    first, last = _roomiest(good, axes, tuple(int(np.abs(axis - home[k]).argmin()) for k, axis in enumerate(axes)))
     box_low = np.array([axes[k][first[k]] for k in range(3)])
     box_high = np.array([axes[k][last[k]] for k in range(3)])
     # Home and what is worked on below it are in the box, whatever the grid met.
@@ -252,6 +243,26 @@ def _box(
     low_corner = tuple(math.floor(1e3 * value) / 1e3 for value in box_low)
     high_corner = tuple(math.ceil(1e3 * value) / 1e3 for value in box_high)
     return low_corner, high_corner  # type: ignore[return-value]
+
+
+def _roomiest(good: Bools, axes: list[Floats], around: tuple[int, ...]) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Return the first and last index of the box of most room around a place in which all of a grid is good."""
+    bad = np.pad(np.cumsum(np.cumsum(np.cumsum(~good, axis=0), axis=1), axis=2), ((1, 0), (1, 0), (1, 0)))
+    sides = [
+        [(a, b) for a in range(here + 1) for b in range(here, len(axis))]
+        for here, axis in zip(around, axes, strict=True)
+    ]
+    best, room = ((*around,), (*around,)), 0.0
+    for corners in product(*sides):
+        (x, over_x), (y, over_y), (z, over_z) = ((a, b + 1) for a, b in corners)
+        here = math.prod(float(axis[b] - axis[a]) + 2.0 * ROOM for axis, (a, b) in zip(axes, corners, strict=True))
+        if here <= room:
+            continue
+        upper = bad[over_x, over_y, over_z] - bad[x, over_y, over_z] - bad[over_x, y, over_z] + bad[x, y, over_z]
+        lower = bad[over_x, over_y, z] - bad[x, over_y, z] - bad[over_x, y, z] + bad[x, y, z]
+        if upper == lower:
+            best, room = (tuple(a for a, _ in corners), tuple(b for _, b in corners)), here
+    return best
 
 
 def written(proposal: Proposal) -> str:

@@ -16,6 +16,7 @@ from sim.kinematics import FEWEST_AXES, KINDS, MOST_AXES
 
 XACRO = "http://www.ros.org/wiki/xacro"
 UNIT = 1e-3
+UNBOUNDED = (-math.inf, math.inf)
 # A turn of more than four full ones, or a part longer than twenty metres, is another unit.
 MOST_TURN, MOST_LENGTH = 8.0 * math.pi, 20.0
 OF_JOINTS = frozenset({"JointType", "Mimic", "NoAxis", "ZeroLimits", "LimitsSwapped", "InDegrees", "InMillimetres"})
@@ -54,6 +55,7 @@ class JointRow:
     velocity: float | None
     limited: bool
     mimics: str
+    soft: bool = False
 
     @property
     def moves(self) -> bool:
@@ -324,6 +326,9 @@ def _joint(tag: ElementTree.Element) -> JointRow:
     lower, upper, velocity = (
         None if value is None or not math.isfinite(value) else value for value in (lower, upper, velocity)
     )
+    soft = _soft_limits(tag)
+    if lower is not None and upper is not None:
+        lower, upper = max(lower, soft[0]), min(upper, soft[1])
     return JointRow(
         name=tag.get("name", ""),
         kind=tag.get("type", ""),
@@ -337,7 +342,17 @@ def _joint(tag: ElementTree.Element) -> JointRow:
         velocity=velocity,
         limited=limit is not None,
         mimics=of("mimic", "joint") if tag.find("mimic") is not None else "",
+        soft=soft != UNBOUNDED,
     )
+
+
+def _soft_limits(tag: ElementTree.Element) -> tuple[float, float]:
+    """Return between what a joint's safety controller keeps it, where it says both ends and they leave a range."""
+    kept = tag.find("safety_controller")
+    if kept is None:
+        return UNBOUNDED
+    lower, upper = (_number(kept.get(f"soft_{end}_limit")) for end in ("lower", "upper"))
+    return (lower, upper) if lower < upper else UNBOUNDED
 
 
 def _numbers(text: str | None, otherwise: str) -> tuple[float, ...] | None:

@@ -65,6 +65,7 @@ def test_the_whole_story_from_the_command_line(as_user: Run, files: list[str], t
     as_user("engineer", "skills", "deploy", "plate", "--version", "1", "--on", "ws1")
 
     [default] = as_user("mes", "recipes", "list", "--skill", "plate")
+    assert default in as_user("mes", "recipes", "list"), "of all skills, where none is named"
     fine = tmp_path / "fine.toml"
     fine.write_text(f'recipe_id = "fine"\nskill_name = "plate"\ntime_step = 0.004\nframe = {default["frame"]}\n')
     as_user("engineer", "recipes", "put", str(fine))

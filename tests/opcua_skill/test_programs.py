@@ -63,6 +63,28 @@ def test_a_program_read_back_is_its_plan_with_valve_and_header(language, name):
     assert found.rows < plan.samples / 2, "it is compressed"
 
 
+@pytest.mark.parametrize(
+    ("language", "chosen"),
+    [
+        ("krl", ("BAS(#TOOL,3)", "BAS(#BASE,0)", "BAS(#VEL_PTP,5)", "BAS(#ACC_PTP,5)")),
+        ("ls", ("UFRAME_NUM=0 ;", "UTOOL_NUM=3 ;", "UF : 0, UT : 3,")),
+        ("rapid", ("v10,fine,tool3;",)),
+    ],
+)
+def test_a_program_chooses_the_tool_by_its_number_and_begins_slowly(language, chosen):
+    text, _ = made(language, "ur5e", tool=3)
+    begins = text.index({"krl": "PTP {A1", "ls": "J P[1] 5%", "rapid": "MoveAbsJ"}[language])
+    for words in chosen:
+        assert words in text
+    if language == "krl":  # INITMOV makes everything as fast as it can be, and takes the tool away
+        assert text.index("BAS(#INITMOV,0)") < min(map(text.index, chosen)) < max(map(text.index, chosen)) < begins
+    if language == "ls":
+        assert text.index("UTOOL_NUM") < begins
+    if language == "rapid":
+        moves = [line for line in text.splitlines() if "Move" in line]
+        assert all(re.search(r",tool3(?:,doValve1,[01])?;\Z", line) for line in moves), "never the flange"
+
+
 @pytest.mark.parametrize(("language", "name"), SPOKEN[:-1])
 def test_what_somebody_changes_in_a_program_is_seen(language, name):
     text, _ = made(language, name)

@@ -300,6 +300,40 @@ def test_a_described_arm_passes_the_check_once_it_is_confirmed_and_plans(tmp_pat
     assert plan_home(model, model.home).joints.shape[1] == model.dof
 
 
+def elbow(length: float, soft: str = "") -> str:
+    """Return the URDF of six axes like most arms have them, upper arm and forearm ``length`` m long."""
+    joints = (
+        ("0 0 1", (0.0, 0.0, 0.4), 2.8), ("0 1 0", (0.0, 0.0, 0.0), 1.9), ("0 1 0", (0.0, 0.0, length), 2.0),
+        ("1 0 0", (length, 0.0, 0.0), 3.1), ("0 1 0", (0.0, 0.0, 0.0), 2.0), ("1 0 0", (0.08, 0.0, 0.0), 6.0),
+    )  # fmt: skip
+    text = '<robot name="elbow"><link name="l0"/>'
+    for k, (axis, (x, y, z), most) in enumerate(joints, start=1):
+        text += (
+            f'<link name="l{k}"/><joint name="j{k}" type="revolute"><parent link="l{k - 1}"/><child link="l{k}"/>'
+            f'<origin xyz="{x} {y} {z}"/><axis xyz="{axis}"/><limit lower="{-most}" upper="{most}" velocity="2"/>'
+            f"{soft if k == 3 else ''}</joint>"
+        )
+    tip = '<link name="tip"/><joint name="to_tip" type="fixed"><parent link="l6"/><child link="tip"/>'
+    return f'{text}{tip}<origin xyz="0.1 0 0" rpy="0 1.5707963 0"/></joint></robot>'
+
+
+@pytest.mark.parametrize("length", [0.3, 0.8])
+def test_a_proposed_workspace_has_room_for_a_plate_where_the_part_is(tmp_path, length):
+    model = propose(elbow(length), "elbow", tmp_path, needle=0.12).model
+    low, high = np.array(model.workspace_low), np.array(model.workspace_high)
+    assert (high - low)[:2].min() > 0.5 * length, "a good part of what it reaches, whichever way is looked first"
+    assert (low <= model.part_frame[:3]).all() and (np.array(model.part_frame[:3]) <= high).all()
+
+
+def test_soft_limits_are_kept_and_told(tmp_path):
+    soft = '<safety_controller soft_lower_limit="-1.5" soft_upper_limit="1.2" k_velocity="1"/>'
+    made = propose(elbow(0.4, soft), "elbow", tmp_path)
+    assert (made.model.limits.lower[2], made.model.limits.upper[2]) == (-1.5, 1.2)
+    assert "j3 by safety_controller" in made.sources["position"]
+    without = propose(elbow(0.4, '<safety_controller k_velocity="1"/>'), "elbow", tmp_path)
+    assert (without.model.limits.lower[2], without.model.limits.upper[2]) == (-2.0, 2.0)
+
+
 def test_a_description_that_cannot_be_read_is_not_guessed_at(tmp_path):
     text = (ROBOTS / "gantry.urdf").read_text("utf-8").replace('type="prismatic"', 'type="planar"', 1)
     with pytest.raises(NotDescribable) as refused:
