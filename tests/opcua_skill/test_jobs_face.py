@@ -212,3 +212,22 @@ async def test_orders_and_the_held_queue_outlive_a_kill(plant: "Plant", deployed
         assert figures["JobResult"] == 2, "a run that was stopped was no success"
         assert await mes.order("Store", an_order("a1")) == DONE
         assert await mes.steer("Abort", "a1") == DONE and (await mes.listed())["a1"] == ["Aborted"]
+
+
+async def test_the_execution_mode_is_honoured(plant: "Plant", deployed: None) -> None:
+    def in_mode(order_id: str, mode: int) -> Any:
+        return an_order(order_id, "glue", JobExecutionMode=ua.Variant(mode, ua.VariantType.Int32))
+
+    async with signed_in(plant) as mes:
+        async with plant.sign_in("mes") as ours:
+            await ours.workstation("ws1").hold_queue("the arm is being cleaned")
+        assert await mes.order("StoreAndStart", in_mode("m0", 0)) == DONE
+        await mes.until("m0", "Ended", "Completed")
+        with pytest.raises(ua.UaStatusCodeError) as refused:
+            await mes.order("StoreAndStart", in_mode("m1", 1))
+        assert refused.value.code == ua.StatusCodes.BadUserAccessDenied, "test mode is an engineer's"
+        assert await mes.order("StoreAndStart", in_mode("m2", 2)) == DONE
+        listed = await mes.listed()
+        assert listed["m2"] == ["AllowedToStart", "Waiting"] and "m1" not in listed
+        assert await mes.steer("Abort", "m2") == DONE
+        await mes.until("m2", "Aborted")

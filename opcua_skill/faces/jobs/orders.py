@@ -162,27 +162,24 @@ class JobOrders:
 
     async def pause(self, order_id: str, because: str) -> None:
         """Stop on the path; the order can be resumed."""
-        job_id = await self._job_under_way(order_id, OrderState.RUNNING)
-        await self._lane_of(job_id).pause(job_id, because or f"{caller().name} paused the job order")
-        await self.changed(order_id)
+        job_id, lane = await self._under_way(order_id)
+        await lane.pause(job_id, because or f"{caller().name} paused the job order")
 
     async def resume(self, order_id: str) -> None:
         """Go on where the arm paused."""
-        job_id = await self._job_under_way(order_id, OrderState.INTERRUPTED)
-        lane = self._lane_of(job_id)
+        job_id, lane = await self._under_way(order_id)
         if lane is self._station.lane:
             self._lock.check(caller().session_id)
         await lane.resume(job_id)
-        await self.changed(order_id)
 
     async def abort(self, order_id: str, because: str) -> None:
         """End an order that has not ended: what moves is stopped before the database is asked anything."""
         by, job_id = caller().name, self._begun.get(order_id, order_id)
         why = because or f"{by} aborted the job order"
-        for lane in (self._station.lane, self._station.simulation):
+        for lane in self._lanes:
             if lane.holds(job_id):
                 await lane.abort(job_id, why, by=by)
-                return await self.changed(order_id)
+                return
         async with self._one_at_a_time:
             order, report = await self.find(order_id)
             if self.state((order, report))[0] in OVER:
@@ -196,7 +193,7 @@ class JobOrders:
     async def stop(self, order_id: str, because: str) -> None:
         """Bring a run under way to rest and end its order; the queue of the arm is held, as after every stop."""
         job_id, by = self._begun.get(order_id, order_id), caller().name
-        lanes = [one for one in (self._station.lane, self._station.simulation) if one.progress_of(job_id) is not None]
+        lanes = [one for one in self._lanes if one.progress_of(job_id) is not None]
         if not lanes:
             state = self.state(await self.find(order_id))[0]
             raise OrderRefused(f"job order {order_id} is {state.name}: only a run is stopped", Bit.INVALID_STATUS)
@@ -298,12 +295,18 @@ class JobOrders:
         finally:
             self._beginning.discard(report.job_id)
 
-    async def _job_under_way(self, order_id: str, wanted: OrderState) -> str:
-        order, report = await self.find(order_id)
-        state = self.state((order, report))[0]
-        if report is None or state is not wanted:
-            raise OrderRefused(f"job order {order_id} is {state.name}: it has to be {wanted.name}", Bit.INVALID_STATUS)
-        return report.job_id
+    async def _under_way(self, order_id: str) -> tuple[str, Lane]:
+        """Return the job that an order became and the lane it is in, whatever the database says of it."""
+        job_id = self._begun.get(order_id, order_id)
+        for lane in self._lanes:
+            if lane.holds(job_id):
+                return job_id, lane
+        state = self.state(await self.find(order_id))[0]
+        raise OrderRefused(f"job order {order_id} is {state.name}: it has to be under way", Bit.INVALID_STATUS)
+
+    @property
+    def _lanes(self) -> tuple[Lane, Lane]:
+        return self._station.lane, self._station.simulation
 
     def _lane_of(self, job_id: str, mode: str = "") -> Lane:
         simulated = mode == "simulation" or self._station.simulation.holds(job_id)
