@@ -388,6 +388,18 @@ class SkillLibrary:
             entry, lambda connection: user_rows.add(connection, name, role, password_hash, certificate, actor)
         )
 
+    async def add_users(self, added: Sequence[tuple[str, str, str]], actor: str, entries: Sequence[AuditEntry]) -> None:
+        """Store all of ``added`` (name, role, hash of the password) with their entries, or none if one cannot be."""
+        checked = [(check_name(name, "name"), check_name(role, "role"), secret) for name, role, secret in added]
+
+        def every(connection: sql.Connection) -> None:
+            for name, role, secret in checked:
+                user_rows.add(connection, name, role, secret, b"", actor)
+            for entry in entries:
+                audit_rows.add(connection, entry)
+
+        await self._database.write(every)
+
     async def users(self) -> list[User]:
         """Return all users in the order of their names."""
         return await self._database.read(user_rows.everyone)

@@ -7,7 +7,7 @@ Nothing here touches the motion that was learned: it is measured, and the figure
 # pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
 # pyright: reportMissingTypeStubs=false, reportAttributeAccessIssue=false
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -26,21 +26,13 @@ from models.motion import Motion
 from models.options import LearningOptions
 from models.paper import fit_aligned
 from models.phase import arc_lengths, at
+from models.report import Previous
 
 PATH_POINTS = 1000
 SMOOTHNESS_POINTS = 300
 PAPER_SAMPLES = 128
 PAPER_RECORDING = 2000
 PAPER_DEMONSTRATIONS = 40
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Previous:
-    """The version that a skill had before: its number and motion, its ``repeatability`` in m where it is known."""
-
-    version: int
-    motion: Motion
-    repeatability: float | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,16 +99,6 @@ def to_previous(motion: Motion, repeatability: float | None, previous: Previous)
     ):
         found[name] = {"before": was, "now": now}
     return found
-
-
-def mean_repeatability(report: Mapping[str, Any]) -> float | None:
-    """Return the root mean square in m of the deviation along the path that a report tells, None if it tells none."""
-    told = report.get("repeatability")
-    deviation = told.get("deviation") if isinstance(told, Mapping) else None
-    if not deviation:
-        return None
-    known = np.array([value for value in deviation if value is not None], dtype=np.float64)
-    return float(np.sqrt((known * known).mean())) if len(known) else None
 
 
 def to_paper(motion: Motion, demonstrations: Sequence[Demonstration], edits: Edits, window: float) -> dict[str, Any]:

@@ -15,7 +15,7 @@ import numpy as np
 from threadpoolctl import ThreadpoolController
 
 from models.cleaning import CleanMotion, clean
-from models.comparison import Previous, end_error, mean_repeatability, path_error, to_paper, to_previous
+from models.comparison import end_error, path_error, to_paper, to_previous
 from models.correspondence import Fitted, Progress, Remark
 from models.demonstration import Demonstration, Edits, Floats
 from models.errors import MixedDemonstrations, SkillError, TooFewDemonstrations, UnknownDemonstration, UnlikelyUnits
@@ -32,8 +32,11 @@ from models.report import (
     DemonstrationError,
     LearnedMotion,
     LearningReport,
+    Previous,
     Verdict,
     VerdictKind,
+    mean_repeatability,
+    samples_along_path,
 )
 from models.stretches import Extra, Pause
 from models.wording import what_it_did
@@ -162,26 +165,6 @@ def _learn(
         report = replace(report, previous=to_previous(motion, mean_repeatability(report.as_dict()), previous))
     tell(1.0, "learned")
     return LearnedMotion(motion, every, shown, report)
-
-
-def samples_along_path(
-    motion: Motion, aligned: Sequence[AlignedDemonstration], indices: Sequence[int]
-) -> dict[str, frozenset[int]]:
-    """Return the raw samples of all demonstrations that lie where samples ``indices`` of the learned path lie.
-
-    The keys are demonstration ids. Raises UnknownDemonstration if the learned path has no such sample.
-    """
-    phases = motion.as_learned().phases
-    chosen = np.unique(np.asarray(indices, dtype=np.int64))
-    if len(chosen) and (chosen[0] < 0 or chosen[-1] >= len(phases)):
-        raise UnknownDemonstration(f"the learned path has samples 0 to {len(phases) - 1}: choose among them")
-    borders = np.concatenate([[-np.inf], 0.5 * (phases[1:] + phases[:-1]), [np.inf]])
-    struck: dict[str, frozenset[int]] = {}
-    for demonstration in aligned:
-        cell = np.searchsorted(borders, np.nan_to_num(demonstration.phases, nan=-1.0), side="right") - 1
-        hit = np.isin(cell, chosen) & np.isfinite(demonstration.phases)
-        struck[demonstration.demonstration_id] = frozenset(int(index) for index in np.flatnonzero(hit))
-    return struck
 
 
 def _check_edits(demonstrations: Sequence[Demonstration], edits: Edits) -> None:

@@ -4,13 +4,16 @@
 # pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
 # pyright: reportMissingTypeStubs=false, reportAttributeAccessIssue=false
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from types import MappingProxyType
 from typing import Any, Literal
 
+import numpy as np
+
 from models.demonstration import Bools, Floats
+from models.errors import UnknownDemonstration
 from models.findings import Code, Finding
 from models.motion import Motion
 
@@ -149,3 +152,42 @@ class LearnedMotion:
     verdicts: tuple[Verdict, ...]
     aligned: tuple[AlignedDemonstration, ...]
     report: LearningReport
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Previous:
+    """The version that a skill had before: its number and motion, its ``repeatability`` in m where it is known."""
+
+    version: int
+    motion: Motion
+    repeatability: float | None
+
+
+def mean_repeatability(report: Mapping[str, Any]) -> float | None:
+    """Return the root mean square in m of the deviation along the path that a report tells, None if it tells none."""
+    told = report.get("repeatability")
+    deviation = told.get("deviation") if isinstance(told, Mapping) else None
+    if not deviation:
+        return None
+    known = np.array([value for value in deviation if value is not None], dtype=np.float64)
+    return float(np.sqrt((known * known).mean())) if len(known) else None
+
+
+def samples_along_path(
+    motion: Motion, aligned: Sequence[AlignedDemonstration], indices: Sequence[int]
+) -> dict[str, frozenset[int]]:
+    """Return the raw samples of all demonstrations that lie where samples ``indices`` of the learned path lie.
+
+    The keys are demonstration ids. Raises UnknownDemonstration if the learned path has no such sample.
+    """
+    phases = motion.as_learned().phases
+    chosen = np.unique(np.asarray(indices, dtype=np.int64))
+    if len(chosen) and (chosen[0] < 0 or chosen[-1] >= len(phases)):
+        raise UnknownDemonstration(f"the learned path has samples 0 to {len(phases) - 1}: choose among them")
+    borders = np.concatenate([[-np.inf], 0.5 * (phases[1:] + phases[:-1]), [np.inf]])
+    struck: dict[str, frozenset[int]] = {}
+    for demonstration in aligned:
+        cell = np.searchsorted(borders, np.nan_to_num(demonstration.phases, nan=-1.0), side="right") - 1
+        hit = np.isin(cell, chosen) & np.isfinite(demonstration.phases)
+        struck[demonstration.demonstration_id] = frozenset(int(index) for index in np.flatnonzero(hit))
+    return struck

@@ -14,8 +14,9 @@ from library.errors import InvalidValue
 from library.private_files import make_private, write_private
 from models.demonstration import Demonstration, Edits
 from models.errors import SkillError
-from models.learning import LearnedMotion, LearningOptions, Previous, learn
 from models.motion import Motion, Trajectory
+from models.options import LearningOptions
+from models.report import LearnedMotion, Previous
 from opcua_skill.workers import report_progress
 from sim.arm import Trace
 from sim.arm_model import ArmModel
@@ -66,6 +67,8 @@ def learn_skill(
     previous: Previous | None,
 ) -> LearnedMotion | LearningRefused:
     """Learn a motion, and compare it with the version before."""
+    from models.learning import learn
+
     try:
         return learn(demonstrations, edits, options, progress=report_progress, previous=previous)
     except SkillError as error:

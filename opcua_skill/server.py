@@ -49,7 +49,7 @@ from opcua_skill.nodes.tree import Tree, number, numbers, text, texts
 from opcua_skill.nodes.tree import count as count_of
 from opcua_skill.nodes.types import add_types
 from opcua_skill.nodes.workstation import add_workstation
-from opcua_skill.security import Authenticator, SecuritySettings, ensure_server_certificate
+from opcua_skill.security import ApplicationCertificate, Authenticator, SecuritySettings, ensure_server_certificate
 from opcua_skill.security.access import caller
 from opcua_skill.settings import Settings
 from opcua_skill.stack.audit import SignInRecord, WriteRecord
@@ -161,9 +161,21 @@ class SkillServerApp:
             self._audit = AuditWriter(self.library, self._health.recorded)
             self._audit.start()
             undo.push_async_callback(self._audit.stop)
-            await self._build()
-            undo.push_async_callback(self.jobs.stop)
-            await self.jobs.start()
+            self.jobs = JobEngine(
+                self.library,
+                settings,
+                self._models,
+                self._arm_factory,
+                self._job_changed,
+                self._version_changed,
+                self._queue_changed,
+            )
+            own = await self._own_certificate()
+            # The arms' processes start while the address space is built: half of a start is waiting for them.
+            starting = asyncio.create_task(self.jobs.start(), name="start jobs")
+            undo.push_async_callback(self._stop_jobs, starting)
+            await self._build(own)
+            await starting
             for workstation in settings.workstations:
                 await self._add_workstation(workstation.name)
             self._tidings.on_deployment.append(self._deployment_changed)
@@ -176,17 +188,24 @@ class SkillServerApp:
         self._showing = asyncio.create_task(self._show_state(), name="show state of arms")
         self._mentioning = asyncio.create_task(self._mention_refusals(), name="mention refusals")
 
-    async def _build(self) -> None:
+    async def _own_certificate(self) -> ApplicationCertificate:
+        """Read the server's certificate and key, or make both in a new data folder."""
+        settings = self.settings
+        names = tuple(name for name in (urlsplit(settings.endpoint).hostname, *settings.host_names) if name)
+        return await asyncio.to_thread(
+            ensure_server_certificate,
+            settings.data / "certificates",
+            settings.application_uri,
+            APPLICATION_NAME,
+            names,
+        )
+
+    async def _build(self, own: ApplicationCertificate) -> None:
         """Make the server and its address space, all but the workstations."""
         settings = self.settings
-        folder = settings.data / "certificates"
-        names = tuple(name for name in (urlsplit(settings.endpoint).hostname, *settings.host_names) if name)
-        own = await asyncio.to_thread(
-            ensure_server_certificate, folder, settings.application_uri, APPLICATION_NAME, names
-        )
         self._installation = own.installation
         security = SecuritySettings(
-            folder=folder,
+            folder=settings.data / "certificates",
             endpoint=settings.endpoint,
             application_uri=own.application_uri,
             application_name=APPLICATION_NAME,
@@ -208,15 +227,6 @@ class SkillServerApp:
         await add_types(self._tree)
         await add_namespaces(self._tree)
         self._tidings = Tidings(self._tree)
-        self.jobs = JobEngine(
-            self.library,
-            settings,
-            self._models,
-            self._arm_factory,
-            self._job_changed,
-            self._tidings.version_changed,
-            self._queue_changed,
-        )
         methods = LibraryMethods(self.library, self.jobs, settings, self._tidings)
         self._methods = methods
         largest = self.server.stack_limits.largest_message
@@ -226,6 +236,12 @@ class SkillServerApp:
         iserver = self.server.iserver
         self._standing = Standing(iserver, self.library, self._authenticator, self._record_standing)
         await add_sessions(self._tree, SessionMethods(iserver, iserver.end_session))
+
+    async def _stop_jobs(self, starting: asyncio.Task[None]) -> None:
+        """Give up a start that another part has spoiled."""
+        starting.cancel()
+        await asyncio.gather(starting, return_exceptions=True)
+        await self.jobs.stop()
 
     async def stop(self) -> None:
         """Stop every motion, then close the endpoint, the workers and the library."""
@@ -353,6 +369,9 @@ class SkillServerApp:
             jobs = self._faces[workstation].jobs
             if jobs is not None:
                 await jobs.orders.show()
+
+    async def _version_changed(self, description: SkillDescription, actor: str, comment: str) -> None:
+        await self._tidings.version_changed(description, actor, comment)
 
     async def _job_changed(self, report: JobReport) -> None:
         face = self._faces.get(report.workstation)

@@ -12,9 +12,16 @@ import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from functools import partial
 from multiprocessing import connection, forkserver, resource_tracker, util
 from typing import Any, NoReturn, TypeVar
 
+PREPARED = ("opcua_skill.computations", "models.learning", "scipy.interpolate", "scipy.ndimage")
+"""What workers find imported: the server itself does without most of it.
+
+What only the paper's preset and the comparison with it use (scikit-learn) costs as much again: a worker imports that
+when it first compares.
+"""
 # A socket's path has room for 103 characters; multiprocessing puts it into `pymp-xxxxxxxx/listener-xxxxxxxx`.
 LONGEST_TEMPORARY_FOLDER = 103 - 32
 
@@ -57,8 +64,8 @@ def report_progress(fraction: float, _step: str = "") -> None:
         _progress.value = fraction
 
 
-def prepare() -> None:
-    """Fork the process that workers are forked from, with all that this one has imported.
+def prepare(beyond: Sequence[str] = ()) -> None:
+    """Fork the process that workers are forked from, with all that this one has imported; it imports ``beyond`` as well.
 
     For a process that is going to serve, before it has a thread, a loop or an open file: a fork copies none of them
     well. Else that process is started when a worker is first wanted, and imports for itself.
@@ -67,22 +74,22 @@ def prepare() -> None:
         return
     resource_tracker.ensure_running()
     started = util.spawnv_passfds
-    util.spawnv_passfds = _forked
+    util.spawnv_passfds = partial(_forked, beyond)
     try:
         forkserver.ensure_running()
     finally:
         util.spawnv_passfds = started
 
 
-def _forked(_path: Any, _arguments: Any, kept: Sequence[int]) -> int:
+def _forked(beyond: Sequence[str], _path: Any, _arguments: Any, kept: Sequence[int]) -> int:
     """Do what `multiprocessing.util.spawnv_passfds` does for the process that forks workers, but keep what is here."""
     pid = os.fork()
     if pid == 0:
-        _fork_workers(kept)
+        _fork_workers(kept, beyond)
     return pid
 
 
-def _fork_workers(kept: Sequence[int]) -> NoReturn:
+def _fork_workers(kept: Sequence[int], beyond: Sequence[str]) -> NoReturn:
     code = 1
     try:
         borders = [2, *sorted(kept), os.sysconf("SC_OPEN_MAX")]
@@ -91,7 +98,7 @@ def _fork_workers(kept: Sequence[int]) -> NoReturn:
         forkserver._forkserver._lock = threading.Lock()  # pyright: ignore[reportAttributeAccessIssue]
         gc.freeze()
         gc.enable()
-        forkserver.main(*kept, preload=[])
+        forkserver.main(*kept, preload=list(beyond))
     except SystemExit:
         code = 0
     finally:
@@ -108,7 +115,7 @@ def _context() -> Any:
     if "forkserver" not in multiprocessing.get_all_start_methods() or not short:
         return multiprocessing.get_context("spawn")
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["opcua_skill.computations"])
+    context.set_forkserver_preload(list(PREPARED))
     return context
 
 

@@ -9,6 +9,8 @@ import time
 from collections.abc import Callable
 
 import numpy as np
+import scipy.interpolate  # noqa: F401 - used by what runs here: not loaded while something moves
+import scipy.ndimage  # noqa: F401
 
 from sim.arm import ArmFault, ArmMode, ArmState, CommandRefused, Progress, Stopped, Trace
 from sim.arm_model import ArmModel, Floats

@@ -14,7 +14,7 @@ from functools import lru_cache
 from xml.etree import ElementTree
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy
 from scipy.spatial.transform import Rotation
 
 from sim.arm_model import ArmModel, Floats
@@ -140,7 +140,7 @@ class Kinematics:
         for row in rows[1:]:
             ahead = found[-1] if len(found) < 2 else 2.0 * found[-1] - found[-2]
             found.append(self.refine(positions[row][None], rotation, ahead).joints)
-        between = CubicSpline(rows, np.concatenate(found))
+        between = scipy.interpolate.CubicSpline(rows, np.concatenate(found))
         return self.refine(positions, rotation, between(np.arange(len(positions))))
 
     def nearest(self, positions: Floats, rotations: Floats, seeds: Floats) -> InverseResult:

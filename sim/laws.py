@@ -8,8 +8,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
-from scipy.ndimage import minimum_filter1d
+import scipy
 
 from sim import checks
 from sim.arm_model import ArmModel, Floats
@@ -177,7 +176,7 @@ def _kept(
     """
     arm, lengths, step = followed.arm, followed.lengths, order.time_step
     brake = np.ones_like(ceiling) if brake is None else brake
-    tips = make_interp_spline(lengths, followed.path.points(lengths), k=3)
+    tips = scipy.interpolate.make_interp_spline(lengths, followed.path.points(lengths), k=3)
     reach = max(3, round(1e-3 / (lengths[1] - lengths[0])))
     law = fastest(followed.joints, arm.limits, arm.path_limits, np.minimum(wanted, ceiling), brake)
     for _ in range(ROUNDS):
@@ -188,13 +187,15 @@ def _kept(
         excess = np.maximum(excess, np.sqrt(_cuts(tips, at) / order.chord_tolerance))
         if excess.max(initial=0.0) <= NEARLY:
             break
-        cut = minimum_filter1d(np.where(excess > NEARLY, SPARE / np.maximum(excess, NEARLY), 1.0), 5, mode="nearest")
+        cut = scipy.ndimage.minimum_filter1d(
+            np.where(excess > NEARLY, SPARE / np.maximum(excess, NEARLY), 1.0), 5, mode="nearest"
+        )
         at_nodes = cut[np.clip(np.searchsorted(at, lengths) - 1, 0, len(cut) - 1)]
         np.minimum.at(at_nodes, np.clip(np.searchsorted(lengths, at[:-1]), 0, len(lengths) - 1), cut)
         np.minimum.at(at_nodes, np.clip(np.searchsorted(lengths, at[1:]), 0, len(lengths) - 1), cut)
         slow = np.minimum(law_speed(law, lengths), np.minimum(ceiling, wanted))
         ceiling = np.where(at_nodes < 1.0, np.maximum(slow, 1e-5) * at_nodes, ceiling)
-        brake = brake * minimum_filter1d(at_nodes, 2 * reach + 1) ** 2
+        brake = brake * scipy.ndimage.minimum_filter1d(at_nodes, 2 * reach + 1) ** 2
         law = fastest(followed.joints, arm.limits, arm.path_limits, np.minimum(wanted, ceiling), brake)
     return law, ceiling, brake
 

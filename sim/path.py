@@ -5,7 +5,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import CubicSpline, PchipInterpolator, make_interp_spline
+import scipy
 from scipy.spatial.transform import Rotation
 
 from models.motion import Motion
@@ -102,9 +102,9 @@ class ToolPath:
         before = 2.0 * points[0] - points[count:0:-1]
         beyond = 2.0 * points[-1] - points[-2 : -count - 2 : -1]
         along = [-lengths[count:0:-1], lengths, 2.0 * lengths[-1] - lengths[-2 : -count - 2 : -1]]
-        return make_interp_spline(np.concatenate(along), np.concatenate([before, points, beyond]), k=1).antiderivative(
-            2
-        )
+        return scipy.interpolate.make_interp_spline(
+            np.concatenate(along), np.concatenate([before, points, beyond]), k=1
+        ).antiderivative(2)
 
     def _by_length(self) -> tuple[Floats, Floats]:
         """Return phases (g,) evenly spaced along the learned path and the arc length (g,) at each, strictly rising."""
@@ -127,11 +127,11 @@ def _arc_lengths(points: Floats) -> Floats:
 
 def _inverse_of(phases: Floats, lengths: Floats) -> Callable[[Floats], Floats]:
     """Return the phase as a function of arc length: smooth, and monotone whatever the pace of the phase."""
-    smooth = CubicSpline(lengths, phases)
+    smooth = scipy.interpolate.CubicSpline(lengths, phases)
     middles = 0.5 * (lengths[1:] + lengths[:-1])
     if (smooth(middles, 1) > 0.0).all() and (smooth(lengths, 1) >= 0.0).all():
         return smooth
-    return PchipInterpolator(lengths, phases)
+    return scipy.interpolate.PchipInterpolator(lengths, phases)
 
 
 def _unit(vector: Floats) -> Floats:

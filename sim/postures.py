@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy
 from scipy.spatial.transform import Rotation
 
 from sim.arm_model import ArmModel, Floats
@@ -32,7 +32,7 @@ JUMP, JUMP_SHARE = 1e-5, 50.0
 class Posture:
     """Joints along a path as a smooth function of arc length in m, near enough for Newton's steps to be exact."""
 
-    spline: CubicSpline
+    spline: "scipy.interpolate.CubicSpline"
 
     def near(self, lengths: Floats) -> Floats:
         """Return joints (n, dof) near those at arc lengths (n,): straight on beyond the path's ends."""
@@ -56,7 +56,7 @@ def steady_posture(arm: ArmModel, poses: "Poses", joints: Floats) -> Posture | N
         return None
     rows = _strides(poses)
     ways = _followed(chain, joints[:1], np.zeros(1), poses.points[rows], poses.rotations[rows])
-    return Posture(CubicSpline(poses.lengths[rows], ways[0])) if ways else None
+    return Posture(scipy.interpolate.CubicSpline(poses.lengths[rows], ways[0])) if ways else None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,7 +100,7 @@ def other_postures(arm: ArmModel, poses: Poses, boxes: tuple[Box, ...]) -> Itera
         if check_clearance(arm, few, none, none, boxes)[0]:
             continue
         tried.append(way)
-        yield Posture(CubicSpline(poses.lengths[rows[on_path] - poses.first], way[on_path]))
+        yield Posture(scipy.interpolate.CubicSpline(poses.lengths[rows[on_path] - poses.first], way[on_path]))
 
 
 def _every_way(arm: ArmModel, points: Floats, rotations: Floats) -> list[Floats]:

@@ -14,6 +14,8 @@ from multiprocessing.connection import Connection
 from typing import Any
 
 import numpy as np
+import scipy.interpolate  # noqa: F401 - used by what runs here: not loaded while something moves
+import scipy.ndimage  # noqa: F401
 
 from sim.arm_model import ArmModel, Floats
 from sim.bullet_world import AT_REST, BulletWorld

@@ -7,7 +7,7 @@ is largest at a sample or where the acceleration is zero, acceleration at a samp
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy
 
 from sim.arm_model import Floats, Limits
 
@@ -45,7 +45,7 @@ def spline_velocities(joints: Floats, step: float) -> Floats:
     if len(joints) < 3:
         return np.zeros_like(joints)
     times = np.arange(len(joints), dtype=np.float64) * step
-    found = CubicSpline(times, joints, bc_type="clamped")(times, 1)
+    found = scipy.interpolate.CubicSpline(times, joints, bc_type="clamped")(times, 1)
     found[0] = found[-1] = 0.0
     return found
 
@@ -69,12 +69,12 @@ def eased(joints: Floats, step: float) -> Floats:
     if n < 5:
         return joints
     times = np.arange(n, dtype=np.float64) * step
-    ends = CubicSpline(times, joints, bc_type="clamped")(times[[0, -1]], 2)
+    ends = scipy.interpolate.CubicSpline(times, joints, bc_type="clamped")(times[[0, -1]], 2)
     short = min(n, FELT)
     unit = np.zeros((short, 2))
     unit[1, 0] = unit[-2, 1] = 1.0
     clock = times[:short]
-    answer = CubicSpline(clock, unit, bc_type="clamped")(clock[[0, -1]], 2)
+    answer = scipy.interpolate.CubicSpline(clock, unit, bc_type="clamped")(clock[[0, -1]], 2)
     if short < n:
         answer[0, 1] = answer[1, 0] = 0.0
     moved = joints.copy()

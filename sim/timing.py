@@ -13,9 +13,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy
 from ruckig import InputParameter, Result, Ruckig, Trajectory
-from scipy.interpolate import CubicHermiteSpline, make_interp_spline
-from scipy.ndimage import minimum_filter1d
 
 from sim.arm_model import Floats, Limits, PathLimits
 
@@ -64,7 +63,7 @@ class JointPath:
     def __init__(self, lengths: Floats, joints: Floats) -> None:
         self.lengths = lengths
         self.joints = joints
-        self.spline = make_interp_spline(lengths, joints, k=5)
+        self.spline = scipy.interpolate.make_interp_spline(lengths, joints, k=5)
         self.first, self.second, self.third = (np.abs(self.spline.derivative(k)(lengths)) for k in (1, 2, 3))
 
     def ceiling(self, limits: Limits, *, even: bool) -> Floats:
@@ -176,7 +175,7 @@ def _widened(lengths: Floats, top: Floats, swept: Floats, width: float) -> Float
     place = np.searchsorted(at, lengths)
     np.minimum.at(ceiling, np.clip(place, 0, len(at) - 1), top)
     np.minimum.at(ceiling, np.clip(place - 1, 0, len(at) - 1), top)
-    low = minimum_filter1d(ceiling, 2 * math.ceil(0.5 * width / tick) + 1, mode="nearest")
+    low = scipy.ndimage.minimum_filter1d(ceiling, 2 * math.ceil(0.5 * width / tick) + 1, mode="nearest")
     rising = np.concatenate([[True], np.diff(at) > 0.0])
     return np.interp(lengths, at[rising], low[rising])
 
@@ -195,7 +194,9 @@ def _smoothed(lengths: Floats, speeds: Floats, width: float) -> TimeLaw:
     at = np.maximum.accumulate(np.clip(at, start, end))
     at[0], at[-1] = start, end
     times = np.arange(len(at)) * float(times[1])
-    return TimeLaw(float(times[-1]), start, end, CubicHermiteSpline(times, at, _slopes(at, float(times[1]))))
+    return TimeLaw(
+        float(times[-1]), start, end, scipy.interpolate.CubicHermiteSpline(times, at, _slopes(at, float(times[1])))
+    )
 
 
 def _cut_flat(lengths: Floats, speeds: Floats, seconds: float) -> Floats:

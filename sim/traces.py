@@ -4,8 +4,6 @@ import csv
 import io
 
 import numpy as np
-import pyarrow
-from pyarrow import parquet
 
 from sim.arm import Trace
 
@@ -31,6 +29,9 @@ def columns(trace: Trace) -> dict[str, np.ndarray]:
 
 def to_parquet(trace: Trace) -> bytes:
     """Return the trace as a Parquet file: the columns of the CSV, with source and events in the file's metadata."""
+    import pyarrow  # by who writes a file alone
+    from pyarrow import parquet
+
     table = pyarrow.table(columns(trace))
     events = "\n".join(f"{at:.3f} s: {text}" for at, text in trace.events)
     out = io.BytesIO()

@@ -3,44 +3,51 @@
 from pathlib import Path
 
 import sqlalchemy as sql
-from alembic import command
-from alembic.config import Config
-from alembic.migration import MigrationContext
-from alembic.script import ScriptDirectory
 
 from library.errors import LibraryUnusable
 from library.tables import metadata
 
+VERSION_TABLE = "alembic_version"
+
 
 def migrate(connection: sql.Connection, where: str, to: str = "head") -> None:
-    """Bring the database up to revision ``to`` in the transaction that is open on ``connection``."""
-    config = _config(connection)
+    """Bring the database up to revision ``to`` in the transaction that is open on ``connection``.
+
+    Alembic is imported only where there is something to do: it takes longer than opening the library.
+    """
     known = known_revisions()
-    found = MigrationContext.configure(connection).get_current_revision()
-    check_ours(set(sql.inspect(connection).get_table_names()), where)
-    if found is not None and found not in known:
+    tables = set(sql.inspect(connection).get_table_names())
+    check_ours(tables, where)
+    found = connection.scalars(sql.text(f"SELECT version_num FROM {VERSION_TABLE}")).all() if tables else []
+    if unknown := [revision for revision in found if revision not in known]:
         raise LibraryUnusable(
-            where, f"a newer version of this program wrote it (revision {found})", "install that version or a later one"
+            where,
+            f"a newer version of this program wrote it (revision {unknown[0]})",
+            "install that version or a later one",
         )
-    command.upgrade(config, to)
+    if to != "head" or found != [max(known)]:
+        _upgrade(connection, to)
     if to == "head":
         _check_tables(connection, where)
 
 
 def known_revisions() -> set[str]:
-    """Return the names of all revisions that this version of the program knows."""
-    return {script.revision for script in ScriptDirectory.from_config(_config(None)).walk_revisions()}
+    """Return the names of all revisions that this version of the program knows: their files begin with them."""
+    return {file.name.partition("_")[0] for file in (Path(__file__).parent / "versions").glob("[0-9]*_*.py")}
 
 
-def _config(connection: sql.Connection | None) -> Config:
+def _upgrade(connection: sql.Connection, to: str) -> None:
+    from alembic import command
+    from alembic.config import Config
+
     config = Config(attributes={"connection": connection})
     config.set_main_option("script_location", str(Path(__file__).parent).replace("%", "%%"))
-    return config
+    command.upgrade(config, to)
 
 
 def check_ours(tables: set[str], where: str) -> None:
     """Raise LibraryUnusable if there are tables and they are another program's."""
-    if tables and not ("alembic_version" in tables and tables & {"skills", "versions"}):
+    if tables and not (VERSION_TABLE in tables and tables & {"skills", "versions"}):
         raise LibraryUnusable(where, "it is the database of another program", "name a file of its own")
 
 

@@ -79,6 +79,7 @@ SIGN_IN_REFUSALS: dict[int, str] = {
     StatusCodes.BadTooManySessions: "the server has no session left",
     StatusCodes.BadTcpNotEnoughResources: "the server has no connection left",
 }
+NOT_TRUSTED = frozenset({StatusCodes.BadCertificateUntrusted, StatusCodes.BadSecurityChecksFailed})
 
 
 def status_name(code: int) -> str:

@@ -4,7 +4,6 @@ import asyncio
 import contextlib
 import functools
 import logging
-import shlex
 import struct
 import uuid
 from collections.abc import AsyncIterator, Mapping, Sequence
@@ -27,6 +26,7 @@ from cryptography.hazmat.primitives.asymmetric import rsa
 from opcua_skill.client.audit import AuditReasons
 from opcua_skill.client.certificates import APPLICATION_URI, KnownServers, client_folder
 from opcua_skill.client.errors import (
+    NOT_TRUSTED,
     SIGN_IN_REFUSALS,
     ClientError,
     NotSignedIn,
@@ -171,10 +171,9 @@ class Session:
 
     async def _why_not(self, code: int) -> str:
         why = SIGN_IN_REFUSALS.get(code, meaning(code))
-        if "certificate" in why:
-            mine = await self._certificate()
-            file = shlex.quote(str(mine.certificate_file))
-            why += f"; on the server, whose data folder is DIR: opcua-skill certificates trust {file} --data DIR"
+        if code in NOT_TRUSTED:  # only the server knows its data folder: its log has the whole command
+            file = (await self._certificate()).certificate_file
+            why += f"; the server's log has the command that lets it in (certificates trust); here it is kept in {file}"
         return f"{self.url} does not let {self.user or 'you'} in: {why} [{status_name(code)}]"
 
     def structure(self, name: str) -> type:

@@ -16,7 +16,7 @@ from opcua_skill.commands.faults import Fault
 from opcua_skill.commands.output import note, print_json, show_table, table
 
 ROOT = Path(__file__).resolve().parents[2]
-PLANNED = ("learning", "execution", "server", "panel", "faces", "plant")
+PLANNED = ("learning", "execution", "server", "start", "panel", "faces", "plant")
 COLUMNS = ("name", "ours", "peer", "theirs", "ratio", "goal", "holds", "runs")
 
 

@@ -44,7 +44,7 @@ def serve(
     import opcua_skill.server  # noqa: F401 - first, so that the workers have it all too
     from opcua_skill import workers
 
-    workers.prepare()
+    workers.prepare(workers.PREPARED)
     try:
         asyncio.run(keep_serving(settings, until_stdin_closes, data_options(settings, config)))
     except (ServedAlready, DataUnusable, CertificateUnusable, KeyIsOpen) as error:

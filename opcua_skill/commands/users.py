@@ -92,9 +92,8 @@ def import_users(
             if (key := same_user(name)) in there:
                 raise Fault(f"there is a user {there[key]} already: nobody was added")
             there[key] = name
-        for name, role, secret in added:
-            told = entry("AddUser", name, Role=role.value)
-            await library.add_user(name, role.value, secret, actor=ACTOR, entry=told)
+        entries = [entry("AddUser", name, Role=role.value) for name, role, _ in added]
+        await library.add_users([(name, role.value, secret) for name, role, secret in added], ACTOR, entries)
 
     with_library(settings, work, may_make=True)
     if as_json:

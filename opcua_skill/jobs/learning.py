@@ -10,9 +10,9 @@ from library.database import BUSY_SECONDS, waiting_at_most
 from library.description import Failure, JobReport, JobState, Recipe, SkillDescription
 from library.errors import NotFound
 from library.store import SkillLibrary
-from models.comparison import Previous, mean_repeatability
 from models.demonstration import Demonstration, Edits
-from models.learning import LearnedMotion, LearningOptions
+from models.options import LearningOptions
+from models.report import LearnedMotion, Previous, mean_repeatability
 from opcua_skill.computations import LearningRefused, learn_skill, ready
 from opcua_skill.jobs.ids import new_job_id
 from opcua_skill.jobs.motion_parameters import MOTION_PARAMETER_RANGES

@@ -14,8 +14,8 @@ from library.errors import InvalidValue, NotFound
 from library.store import SkillLibrary
 from library.values import check_name, check_text
 from models.demonstration import Edits
-from models.learning import Verdict, VerdictKind, samples_along_path
 from models.motion import Trajectory
+from models.report import Verdict, VerdictKind, samples_along_path
 from opcua_skill.atomic_skills import required_atomic_skills
 from opcua_skill.computations import DocumentRefused
 from opcua_skill.jobs import JobEngine, LearningRequest, PlanRefused, motion_parameters

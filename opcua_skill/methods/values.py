@@ -13,7 +13,8 @@ from library.description import Failure, JobReport, Recipe, SkillSummary
 from library.errors import InvalidValue
 from library.values import check_text
 from models.demonstration import Demonstration
-from models.learning import AlignedDemonstration, LearningOptions
+from models.options import LearningOptions
+from models.report import AlignedDemonstration
 from opcua_skill.methods.refusals import Code, out_of_range
 from opcua_skill.settings import Limits
 from opcua_skill.stack.calls import Refused

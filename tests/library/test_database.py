@@ -13,11 +13,12 @@ import pytest
 import sqlalchemy as sql
 from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
+from alembic.script import ScriptDirectory
 
 from library import migrations, tables
 from library.database import Database
 from library.errors import LibraryError, LibraryUnusable
-from library.migrations import migrate
+from library.migrations import known_revisions, migrate
 from library.records import AuditEntry, JobReport, JobTrace
 from library.store import SkillLibrary
 
@@ -244,3 +245,10 @@ async def test_a_full_disk_is_said_in_words_and_nothing_is_half_stored(
     assert [one.version for one in await library.versions("glue")] == [1]
     with plain(database_file) as connection:
         assert connection.execute("SELECT count(*) FROM recordings").fetchone() == (2,)
+
+
+def test_the_revisions_are_those_that_alembic_knows() -> None:
+    folder = Path(migrations.__file__).parent
+    scripts = ScriptDirectory(str(folder))
+    assert {script.revision for script in scripts.walk_revisions()} == known_revisions()
+    assert scripts.get_current_head() == max(known_revisions())

@@ -79,6 +79,17 @@ async def test_users_are_added_found_and_removed(library: SkillLibrary) -> None:
         await library.add_user("er/ik", "observer")
 
 
+async def test_of_a_list_of_users_all_are_added_with_their_entries_or_none(library: SkillLibrary) -> None:
+    entries = [AuditEntry(actor="root", action="AddUser", target=name) for name in ("ada", "bo")]
+    rows = [("ada", "engineer", "$argon2id$x"), ("bo", "operator", "$argon2id$y")]
+    with pytest.raises(AlreadyExists):
+        await library.add_users([*rows, ("ADA", "observer", "$argon2id$z")], "root", entries)
+    assert (await library.users(), await library.audit_trail(9)) == ([], [])
+    await library.add_users(rows, "root", entries)
+    assert [(user.name, user.created_by) for user in await library.users()] == [("ada", "root"), ("bo", "root")]
+    assert [entry.target for entry in await library.audit_trail(9)] == ["bo", "ada"]
+
+
 async def test_the_audit_trail_is_read_backwards_in_pages(library: SkillLibrary) -> None:
     ids = [await library.audit(AuditEntry(actor="erik", action=f"step {number}")) for number in range(7)]
     assert ids == sorted(ids)

@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from models.comparison import Previous, distance, mean_repeatability
+from models.comparison import distance
 from models.demonstration import Demonstration, Edits
 from models.errors import MixedDemonstrations, OptionOutOfRange
 from models.learning import LearnedMotion, LearningOptions, VerdictKind, learn
 from models.people import simulated_people
+from models.report import Previous, mean_repeatability
 from models.wording import what_it_did
 
 PEOPLE, TRUTH = simulated_people(6, 0)

@@ -1,8 +1,8 @@
 """The quality report as an engineer reads it: every figure with its unit and place, nothing for what is not told."""
 
-from models.comparison import Previous
 from models.learning import LearningOptions, learn
 from models.people import simulated_people
+from models.report import Previous
 from opcua_skill.commands.quality import facts, mm
 
 PEOPLE, _ = simulated_people(5, 0)

@@ -27,8 +27,8 @@ LIBRARY = {
     "this client's certificate names another application": "das Zertifikat dieses Panels nennt eine andere Anwendung",
     "the server has no session left": "der Server hat keine Sitzung mehr frei",
     "the server has no connection left": "der Server hat keine Verbindung mehr frei",
-    "{t}; on the server, whose data folder is DIR: opcua-skill certificates trust {file} --data DIR": (
-        "{t}; auf dem Server, dessen Datenordner DIR ist: opcua-skill certificates trust {file} --data DIR"
+    "{t}; the server's log has the command that lets it in (certificates trust); here it is kept in {file}": (
+        "{t}; im Protokoll des Servers steht der Befehl, der es zulässt (certificates trust); hier liegt es in {file}"
     ),
     "no OPC UA server answers at {url}: is it running? ({x})": (
         "kein OPC-UA-Server antwortet unter {url}: läuft er? ({x})"
