@@ -65,7 +65,7 @@ def report_progress(fraction: float, _step: str = "") -> None:
 
 
 def prepare(beyond: Sequence[str] = ()) -> None:
-    """Fork the process that workers are forked from, with all that this one has imported; it imports ``beyond`` as well.
+    """Fork the process that workers are forked from, with all that this one has imported; it imports ``beyond`` too.
 
     For a process that is going to serve, before it has a thread, a loop or an open file: a fork copies none of them
     well. Else that process is started when a worker is first wanted, and imports for itself.
@@ -92,6 +92,7 @@ def _forked(beyond: Sequence[str], _path: Any, _arguments: Any, kept: Sequence[i
 def _fork_workers(kept: Sequence[int], beyond: Sequence[str]) -> NoReturn:
     code = 1
     try:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # as its main function does, but from the first import on
         borders = [2, *sorted(kept), os.sysconf("SC_OPEN_MAX")]
         for before, after in itertools.pairwise(borders):
             os.closerange(before + 1, after)
