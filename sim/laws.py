@@ -195,7 +195,7 @@ def _kept(
         np.minimum.at(at_nodes, np.clip(np.searchsorted(lengths, at[1:]), 0, len(lengths) - 1), cut)
         slow = np.minimum(law_speed(law, lengths), np.minimum(ceiling, wanted))
         ceiling = np.where(at_nodes < 1.0, np.maximum(slow, 1e-5) * at_nodes, ceiling)
-        brake = brake * scipy.ndimage.minimum_filter1d(at_nodes, 2 * reach + 1) ** 2
+        brake = brake * np.asarray(scipy.ndimage.minimum_filter1d(at_nodes, 2 * reach + 1), dtype=np.float64) ** 2
         law = fastest(followed.joints, arm.limits, arm.path_limits, np.minimum(wanted, ceiling), brake)
     return law, ceiling, brake
 

@@ -18,7 +18,8 @@ def migrate(connection: sql.Connection, where: str, to: str = "head") -> None:
     known = known_revisions()
     tables = set(sql.inspect(connection).get_table_names())
     check_ours(tables, where)
-    found = connection.scalars(sql.text(f"SELECT version_num FROM {VERSION_TABLE}")).all() if tables else []
+    asked = sql.text(f"SELECT version_num FROM {VERSION_TABLE}")
+    found = [str(revision) for revision in connection.scalars(asked)] if tables else []
     if unknown := [revision for revision in found if revision not in known]:
         raise LibraryUnusable(
             where,
