@@ -161,6 +161,7 @@ class SkillServerApp:
             self._audit = AuditWriter(self.library, self._health.recorded)
             self._audit.start()
             undo.push_async_callback(self._audit.stop)
+            own = await self._own_certificate()
             self.jobs = JobEngine(
                 self.library,
                 settings,
@@ -170,7 +171,6 @@ class SkillServerApp:
                 self._version_changed,
                 self._queue_changed,
             )
-            own = await self._own_certificate()
             # The arms' processes start while the address space is built: half of a start is waiting for them.
             starting = asyncio.create_task(self.jobs.start(), name="start jobs")
             undo.push_async_callback(self._stop_jobs, starting)
