@@ -9,7 +9,7 @@ import typer
 from opcua_skill.commands.configuration import Config, Data, data_options, load_settings
 from opcua_skill.commands.connection import Json
 from opcua_skill.commands.faults import Fault
-from opcua_skill.commands.output import note, print_json, say
+from opcua_skill.commands.output import counted, note, print_json, say
 
 Folder = Annotated[Path, typer.Argument(metavar="DIR", help="folder of the backup")]
 
@@ -27,7 +27,8 @@ def backup(folder: Folder, data: Data = None, config: Config = None, as_json: Js
     if as_json:
         print_json({"folder": folder.absolute(), "files": len(made.files), "bytes": size, "made_at": made.made_at})
     else:
-        say(f"{folder} holds a backup of {settings.data}: {len(made.files)} files, {size / 1e6:.1f} MB, all read back")
+        read = f"{counted(len(made.files), 'file')}, {size / 1e6:.1f} MB, all read back"
+        say(f"{folder} holds a backup of {settings.data}: {read}")
 
 
 def restore(folder: Folder, data: Data = None, config: Config = None, as_json: Json = False) -> None:

@@ -21,7 +21,7 @@ from opcua_skill.commands.connection import (
     with_client,
 )
 from opcua_skill.commands.faults import Fault
-from opcua_skill.commands.output import millimetres, notes, print_json, say, show_table, table, when
+from opcua_skill.commands.output import counted, millimetres, notes, print_json, say, show_table, table, when
 
 app = typer.Typer(no_args_is_help=True, help="Jobs: look, pause, resume, abort, read the trace.")
 JobId = Annotated[str, typer.Argument(metavar="ID", help="id of the job")]
@@ -198,7 +198,7 @@ def trace(
     if as_json:
         print_json({"file": output, "samples": len(found.times)})
     else:
-        say(f"wrote {output}: {len(found.times)} samples")
+        say(f"wrote {output}: {counted(len(found.times), 'sample')}")
 
 
 def write_trace(file: Path, found: JobTrace) -> None:

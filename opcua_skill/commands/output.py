@@ -53,6 +53,11 @@ def say(sentence: str) -> None:
     screen.print(Text(sentence))
 
 
+def counted(number: int, one: str, many: str = "") -> str:
+    """Return a number with what is counted: 1 job, 2 jobs. ``many`` is given where it is not ``one`` with an s."""
+    return f"{number} {one if number == 1 else many or f'{one}s'}"
+
+
 def note(sentence: str) -> None:
     """Print something beside the result, on stderr."""
     notes.print(Text(sentence), style="dim")

@@ -17,7 +17,7 @@ from models.demonstration import Demonstration
 from opcua_skill.client import Recorder, Skill, SkillClient
 from opcua_skill.commands.connection import DEFAULT_SERVER, Json, On, Server, User, with_client
 from opcua_skill.commands.faults import Fault
-from opcua_skill.commands.output import millimetres, note, notes, print_json, say, show_table, table
+from opcua_skill.commands.output import counted, millimetres, note, notes, print_json, say, show_table, table
 from opcua_skill.commands.reading import Marker, OnePlane, Placing, Topic, ToPlate, Unit, UpAxis, choices_of, read_files
 from opcua_skill.commands.skills import (
     Option,
@@ -139,7 +139,7 @@ def record(
         if learn:
             if len(found) < 2:
                 raise Fault(
-                    f"{len(found)} demonstrations were recorded, 2 are needed to learn {learn}: recording"
+                    f"2 demonstrations are needed to learn {learn}, {len(found)} came: recording"
                     f" {ended.recording_id} ended, {ended.why}"
                 )
             kind = semantic_type or await known_type(client, learn)
@@ -180,7 +180,7 @@ def line_of(now: Progress) -> str:
     """Return how a recording goes, on one line."""
     button = "● pressed" if now.trigger else "○ released"
     losses = now.losses.words()
-    said = f"{now.samples} samples · {now.demonstrations} demonstrations · button {button}"
+    said = f"{counted(now.samples, 'sample')} · {counted(now.demonstrations, 'demonstration')} · button {button}"
     return f"{said} · not taken: {losses}" if losses else said
 
 
@@ -209,7 +209,8 @@ async def keep(on_interrupt: str, ended: Ended, stop: asyncio.Event) -> bool:
     if on_interrupt != "ask" or not (sys.stdin.isatty() and sys.stderr.isatty()):
         return on_interrupt != "discard"
     stop.clear()
-    typer.echo(f"\nkeep the {ended.demonstrations} demonstrations of this recording? [Y/n] ", err=True, nl=False)
+    kept = counted(ended.demonstrations, "demonstration")
+    typer.echo(f"\nkeep the {kept} of this recording? [Y/n] ", err=True, nl=False)
     loop, line = asyncio.get_running_loop(), asyncio.get_running_loop().create_future()
     loop.add_reader(sys.stdin, lambda: line.done() or line.set_result(sys.stdin.readline()))
     again = asyncio.ensure_future(stop.wait())
@@ -265,8 +266,8 @@ def tell(told: dict[str, Any], *, ignored: int) -> None:
     ]
     show_table(table("recorded", ("demonstration", ">samples", ">s", ">mm"), rows))
     if ignored:
-        note(f"{ignored} presses were too short to be a demonstration")
-    ended = f"recording {told['recording_id']}: {len(rows)} demonstrations; ended: {told['ended']}"
+        note(f"{counted(ignored, 'press was', 'presses were')} too short to be a demonstration")
+    ended = f"recording {told['recording_id']}: {counted(len(rows), 'demonstration')}; ended: {told['ended']}"
     say(f"{ended}; written to {told['file']}" if "file" in told else ended)
     skill: Skill | None = told.get("skill")
     if skill is not None:

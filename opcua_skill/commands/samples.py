@@ -8,7 +8,7 @@ import typer
 
 from opcua_skill.commands.connection import Json
 from opcua_skill.commands.faults import Fault
-from opcua_skill.commands.output import print_json, say
+from opcua_skill.commands.output import counted, print_json, say
 
 
 class Shape(StrEnum):
@@ -40,4 +40,4 @@ def samples(
     if as_json:
         print_json({"files": files})
     else:
-        say(f"wrote {len(files)} files: {files[0]} to {files[-1]}")
+        say(f"wrote {counted(len(files), 'file')}: {files[0]} to {files[-1]}")

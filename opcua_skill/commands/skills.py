@@ -20,7 +20,7 @@ from opcua_skill.commands.connection import (
 )
 from opcua_skill.commands.faults import Fault
 from opcua_skill.commands.fields import made_of
-from opcua_skill.commands.output import note, notes, print_json, say, show_table, table, when
+from opcua_skill.commands.output import counted, note, notes, print_json, say, show_table, table, when
 from opcua_skill.commands.quality import facts
 from opcua_skill.commands.reading import Marker, OnePlane, Placing, Topic, ToPlate, Unit, UpAxis, choices_of, read_files
 
@@ -96,7 +96,9 @@ def say_learned(made: Skill) -> None:
     show_table(verdict_table(made))
     show_table(table("quality", ("what", "value"), facts(made.report)))
     digest = made.model_digest.hex()[:16]
-    say(f"{made.name} version {made.version} is {made.state}: {len(made.means)} components, digest {digest}…")
+    say(
+        f"{made.name} version {made.version} is {made.state}: {counted(len(made.means), 'component')}, digest {digest}…"
+    )
 
 
 async def known_type(client: SkillClient, skill: str) -> str:

@@ -11,7 +11,7 @@ from library.names import doubles, same_user
 from opcua_skill.commands.configuration import Config, Data, load_settings, with_library
 from opcua_skill.commands.connection import Json
 from opcua_skill.commands.faults import Fault
-from opcua_skill.commands.output import note, print_json, say, show_table, table, when
+from opcua_skill.commands.output import counted, note, print_json, say, show_table, table, when
 from opcua_skill.commands.trail import ACTOR, entry
 from opcua_skill.security import hash_password, load_certificate
 from opcua_skill.security.access import Role
@@ -99,7 +99,7 @@ def import_users(
     if as_json:
         print_json([{"name": name, "role": role.value} for name, role, _ in added])
     else:
-        say(f"{len(added)} users may sign in: {', '.join(name for name, _, _ in added)}")
+        say(f"{counted(len(added), 'user')} may sign in: {', '.join(name for name, _, _ in added)}")
 
 
 def checked_rows(text: str) -> list[tuple[str, Role, str]]:
@@ -121,7 +121,7 @@ def checked_rows(text: str) -> list[tuple[str, Role, str]]:
         except csv.Error:
             raise Fault(f"line {number}: a quote is opened and not closed") from None
         if len(cells) != len(names):
-            raise Fault(f"line {number}: it has {len(cells)} cells, the first line {len(names)}")
+            raise Fault(f"line {number}: it has {counted(len(cells), 'cell')}, the first line {len(names)}")
         row = checked_row(number, dict(zip(names, cells, strict=True)))
         if row[0] in found:
             raise Fault(f"line {number}: {row[0]} stands in the file twice: nobody was added")

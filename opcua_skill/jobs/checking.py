@@ -38,7 +38,7 @@ class RunChecks:
         Raises QueueFull, and the library's NotFound and Damaged.
         """
         if self._waiting >= MOST_WAITING:
-            raise QueueFull(f"{self._waiting} checks are waiting: try again when one has ended")
+            raise QueueFull(f"as many checks as may wait do, {self._waiting}: try again when one has ended")
         wanted = recipe.model_copy(update={"skill_version": version}) if version else recipe
         self._waiting += 1
         try:

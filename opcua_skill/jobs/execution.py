@@ -97,7 +97,7 @@ class ExecutionJobs:
 
     def _room_on(self, lane: Lane) -> None:
         if lane.waiting >= self._settings.limits.max_queued_jobs:
-            raise QueueFull(f"{lane.waiting} jobs are waiting: try again when one has ended")
+            raise QueueFull(f"as many jobs as may wait do, {lane.waiting}: try again when one has ended")
 
     async def _refused(self, report: JobReport, recipe: Recipe, findings: Sequence[Finding]) -> JobReport:
         """Write down a refused run: a failed job that never moved, so that its reason and place can be read."""

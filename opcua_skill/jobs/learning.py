@@ -93,7 +93,7 @@ class LearningJobs:
         Raises QueueFull, and LearningFailed when the job ends without a version in that time.
         """
         if len(self._tasks) >= self._settings.limits.max_queued_jobs:
-            raise QueueFull(f"{len(self._tasks)} learning jobs are waiting: try again when one has ended")
+            raise QueueFull(f"as many learning jobs as may wait do, {len(self._tasks)}: try again when one has ended")
         job_id = new_job_id("learn")
         report = JobReport(job_id=job_id, kind="Learning", skill_name=request.skill_name, actor=request.actor)
         await self._library.add_job(report)

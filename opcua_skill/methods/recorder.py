@@ -224,7 +224,7 @@ class RecorderMethods:
             raise NotAllowedInState(f"recording {recording_id}", "still open", "finish it first")
         shown = tuple(recording.demonstration(press) for press in recording.presses)
         if len(shown) < NEEDED:
-            raise out_of_range("RecordingId", f"{len(shown)} demonstrations were recorded, {NEEDED} are needed")
+            raise out_of_range("RecordingId", f"{NEEDED} demonstrations are needed, the recording has {len(shown)}")
         received = ReceivedDemonstrations(shown, ("",) * len(shown), tuple(one.demonstration_id for one in shown))
         return await self.library.learn_received(skill_name, semantic_type, received, options, (kept.user,))
 

@@ -79,7 +79,7 @@ def received_demonstrations(given: Sequence[Any], limits: Limits) -> ReceivedDem
     if len(usable) < NEEDED:
         first = next(((name, fault) for name, fault in zip(ids, faults, strict=True) if fault), None)
         detail = f"; {first[0]}: {first[1]}" if first else ""
-        raise out_of_range("Demonstrations", f"{len(usable)} demonstrations are usable, {NEEDED} are needed{detail}")
+        raise out_of_range("Demonstrations", f"{NEEDED} usable demonstrations are needed, {len(usable)} came{detail}")
     return ReceivedDemonstrations(tuple(usable), tuple(faults), tuple(ids))
 
 
@@ -88,7 +88,7 @@ def _fault(item: Any) -> str:
         return f"Dimension is {item.Dimension}: it has to be 2 or 3"
     samples = len(item.Times)
     if samples < NEEDED:
-        return f"it has {samples} samples: {NEEDED} are needed"
+        return f"{NEEDED} samples are needed, it has {samples}"
     if len(item.Positions) != samples * item.Dimension:
         return f"{samples} times need {samples * item.Dimension} position values, {len(item.Positions)} were sent"
     if len(item.Triggers) not in (0, samples):

@@ -163,7 +163,7 @@ def checks(words: Words, skill: Skill) -> list[Check]:
     """Return what to look at before approving, each good or not."""
     count, flagged = used(skill), sum(wrong(one) for one in verdicts(skill))
     found = [
-        Check(count >= FEWEST_USED, f"{count} {words('demonstrations used')}"),
+        Check(count >= FEWEST_USED, words.count(count, "demonstration used", "demonstrations used")),
         Check(not flagged, f"{flagged} {words('flagged')}"),
     ]
     error, widest = within("path_error", "max")(skill), _widest(skill)

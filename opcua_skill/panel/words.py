@@ -16,6 +16,10 @@ class Words:
         """Return the word in this language; English stands in for a word the table lacks."""
         return GERMAN.get(english, english) if self.language == "de" else english
 
+    def count(self, number: int, one: str, many: str) -> str:
+        """Return a number with what is counted: ``words.count(n, "demonstration", "demonstrations")``."""
+        return f"{number} {self(one if number == 1 else many)}"
+
     def said(self, sentence: object) -> str:
         """Return a sentence of the server, the readers or the client; English where no pattern knows it."""
         return SENTENCES.say(str(sentence)).words if self.language == "de" else str(sentence)

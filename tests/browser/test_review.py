@@ -92,7 +92,7 @@ def test_leaving_out_an_odd_demonstration_moves_the_path(plant: Any, screens: Sc
     worst = screen.page.locator(".demo").first
     assert "person-03" in worst.inner_text(), "the worst one stands first"
     worst.locator(".q-checkbox").click()
-    wait_for_draft(screen, "1 demonstrations left out (not learned yet)")
+    wait_for_draft(screen, "1 demonstration left out (not learned yet)")
     screen.button("Learn again").click()
     screen.says(r"odd · version 2")
     screen.says(r"before \(version 1, grey dashes\): the path moved by at most [1-9]")

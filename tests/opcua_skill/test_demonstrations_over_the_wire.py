@@ -193,7 +193,7 @@ ANGLE = np.linspace(0.0, 2.0 * np.pi, 400)
 CIRCLE = 0.03 * np.column_stack([np.cos(ANGLE), np.sin(ANGLE)])
 EIGHT = 0.03 * np.column_stack([np.sin(ANGLE), np.sin(2.0 * ANGLE)])
 REFUSED: dict[str, tuple[list[Demonstration], dict[str, Any], str, tuple[str, ...]]] = {
-    "one demonstration": (PEOPLE[:1], {}, "Demonstrations", ("1 demonstrations are usable, 2 are needed",)),
+    "one demonstration": (PEOPLE[:1], {}, "Demonstrations", ("2 usable demonstrations are needed, 1 came",)),
     "all still": (copies(np.zeros((100, 2))), {}, "Demonstrations", ("nothing moves further than 1 mm", "record")),
     "two points": (copies(np.array([[0.0, 0.0], [0.1, 0.1]])), {}, "Demonstrations", ("2 samples", "record it again")),
     "times twice, throughout": ([twice(one) for one in PEOPLE], {}, "Demonstrations", ("do not increase at sample",)),

@@ -23,7 +23,7 @@ class DemonstrationList:
             key=lambda name: (name not in version.flagged, -float(errors.get(name, {}).get("max", 0.0))),
         )
         flagged = len(version.flagged)
-        title(f"{len(names)} {words('demonstrations')}")
+        title(words.count(len(names), "demonstration", "demonstrations"))
         note = f"{flagged} {words('flagged')}" if flagged else words("none flagged")
         ui.label(f"{note} · {words('largest distance from the path and where, worst first')}").classes("small soft")
         self._rows: dict[str, tuple[ui.element, ui.checkbox, ui.button]] = {}
@@ -42,7 +42,13 @@ class DemonstrationList:
             box.set_enabled(page.session.may("edit"))
             label = ui.label(name).classes("demo-name")
             raw = page.version.material.raw[name]
-            label.tooltip(" · ".join(part for part in (raw.operator, raw.source, f"{len(raw.times)} samples") if part))
+            label.tooltip(
+                " · ".join(
+                    part
+                    for part in (raw.operator, raw.source, words.count(len(raw.times), "sample", "samples"))
+                    if part
+                )
+            )
             with ui.element("div").classes("line").style("width:auto;flex-wrap:nowrap;gap:2px"):
                 there = f" · {percent(error['place'])}" if error.get("place") is not None else ""
                 ui.label(words.figures(f"{mm(error.get('max'), 1)}{there}")).classes("small mono")

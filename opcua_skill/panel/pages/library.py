@@ -84,7 +84,9 @@ async def library_page(frame: Frame) -> None:
         await find()
 
     def show() -> None:
-        count.text = f"{len(found)} {words('skills')}" + (f" ({words('the first ones')})" if len(found) >= MOST else "")
+        count.text = words.count(len(found), "skill", "skills") + (
+            f" ({words('the first ones')})" if len(found) >= MOST else ""
+        )
         nothing.text = (
             "" if found else words("No skill matches. Teach one: draw it, upload recordings, or use a tracker.")
         )

@@ -120,11 +120,14 @@ class RecorderSheet:
         self.sign.classes("state-bad") if recording else self.sign.classes(remove="state-bad")
         parts = []
         if state is not None and state.recording_id:
-            parts = [f"{state.samples} {words('samples')}", f"{state.demonstrations} {words('demonstrations')}"]
+            parts = [
+                words.count(state.samples, "sample", "samples"),
+                words.count(state.demonstrations, "demonstration", "demonstrations"),
+            ]
             if recording:
                 parts.append(words("button pressed") if pressed else words("button released"))
             if state.ignored:
-                parts.append(f"{state.ignored} {words('presses were too short')}")
+                parts.append(words.count(state.ignored, "press was too short", "presses were too short"))
         self.told.text = " · ".join(parts) or words("A gateway (opcua-skill record) or this panel can feed it.")
         may = self.session.may("record")
         self.start_button.set_visibility(may and not recording)
@@ -146,7 +149,7 @@ class RecorderSheet:
                     self._row(name, name == going_on)
         if presses is not None:
             for label, first, last in zip(self.counts, presses.first, presses.last, strict=True):
-                label.text = f"{last - first + 1} {self.words('samples')}"
+                label.text = self.words.count(last - first + 1, "sample", "samples")
 
     def _row(self, name: str, goes_on: bool) -> None:
         with ui.element("div").classes("line queued"):

@@ -180,9 +180,9 @@ class SkillPage:
         self.again.set_enabled(draft.changed and not self.busy)
         parts = []
         if draft.struck_count:
-            parts.append(f"{draft.struck_count} {words('samples struck')}")
+            parts.append(words.count(draft.struck_count, "sample struck", "samples struck"))
         if self.edits.excluded:
-            parts.append(f"{len(self.edits.excluded)} {words('demonstrations left out')}")
+            parts.append(words.count(len(self.edits.excluded), "demonstration left out", "demonstrations left out"))
         state = words("not learned yet") if draft.changed else words("as learned")
         self.told.text = f"{' · '.join(parts) or words('Nothing is taken out')} ({state})"
 

@@ -243,7 +243,7 @@ class TeachPage:
         """Show what there is to learn from."""
         taught = self.taught
         self.plate.show([(one, one.demonstration_id not in taught.left_out) for one in taught.recordings])
-        self.count.text = f"{len(taught.used)} {self.words('demonstrations')}"
+        self.count.text = self.words.count(len(taught.used), "demonstration", "demonstrations")
         self.discard_all.set_enabled(bool(taught.recordings))
         self.bring_back.set_visibility(bool(taught.discarded[0]))
         self.listed.clear()

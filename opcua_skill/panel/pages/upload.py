@@ -85,7 +85,7 @@ class UploadSheet:
             self._file("✕", f"{name}: {self.words('not taken')}")
             return
         self.take(found)
-        self._file("✓", f"{name}: {len(found)} {self.words('demonstrations')}")
+        self._file("✓", f"{name}: {self.words.count(len(found), 'demonstration', 'demonstrations')}")
         for gap in gaps:
             self._file("⚠", self.words.said(gap))
         self.refresh()

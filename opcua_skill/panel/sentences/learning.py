@@ -89,11 +89,11 @@ LEARNING = {
     "{n} demonstrations are usable, {n2} are needed ({t}): record more, or include some again": (
         "{n} Vorführungen sind brauchbar, {n2} sind nötig ({t}): mehr aufnehmen oder einige wieder einbeziehen"
     ),
-    "{n} demonstrations are usable, {n2} are needed": "{n} Vorführungen sind brauchbar, {n2} sind nötig",
-    "{n} demonstrations are usable, {n2} are needed; {name}: {t}": (
-        "{n} Vorführungen sind brauchbar, {n2} sind nötig; {name}: {t}"
+    "{n} usable demonstrations are needed, {n2} came": "{n} brauchbare Vorführungen sind nötig, gekommen: {n2}",
+    "{n} usable demonstrations are needed, {n2} came; {name}: {t}": (
+        "{n} brauchbare Vorführungen sind nötig, gekommen: {n2}; {name}: {t}"
     ),
-    "{n} demonstrations were recorded, {n2} are needed": "{n} Vorführungen sind aufgezeichnet, {n2} sind nötig",
+    "{n} demonstrations are needed, the recording has {n2}": "{n} Vorführungen sind nötig, die Aufzeichnung hat {n2}",
     "{name}: {t}": "{name}: {t}",
     # what is to be known of all of them
     "the shape is closed, and {n} of {n2} began elsewhere on it: it begins where most did, {n3} of {n4}": (

@@ -5,8 +5,8 @@ LIBRARY = {
     "there is no workstation {x} on this server: it has {x2}": (
         "an diesem Server gibt es keinen Arbeitsplatz {x}: er hat {x2}"
     ),
-    "{n} checks are waiting: try again when one has ended": (
-        "{n} Prüfungen warten: noch einmal versuchen, wenn eine fertig ist"
+    "as many checks as may wait do, {n}: try again when one has ended": (
+        "es warten so viele Prüfungen, wie dürfen, {n}: noch einmal versuchen, wenn eine fertig ist"
     ),
     # the client's frame around the server's sentence
     "{method} was refused: {t} [{status}]": "{method} wurde abgelehnt: {t} [{status}]",
@@ -241,9 +241,11 @@ LIBRARY = {
     ),
     "{name} version {n} is {t}: only an approved one runs": "{name} Version {n} ist {t}: nur eine freigegebene läuft",
     "{where} lacks the atomic skill {x}": "{where} kann den Elementarschritt {x} nicht",
-    "{n} jobs are waiting: try again when one has ended": "{n} Aufträge warten: noch einmal, wenn einer beendet ist",
-    "{n} learning jobs are waiting: try again when one has ended": (
-        "{n} Lernaufträge warten: noch einmal, wenn einer beendet ist"
+    "as many jobs as may wait do, {n}: try again when one has ended": (
+        "es warten so viele Aufträge, wie dürfen, {n}: noch einmal, wenn einer beendet ist"
+    ),
+    "as many learning jobs as may wait do, {n}: try again when one has ended": (
+        "es warten so viele Lernaufträge, wie dürfen, {n}: noch einmal, wenn einer beendet ist"
     ),
     "learning goes on as job {x}": "das Lernen geht als Auftrag {x} weiter",
     "there is no mode {x}: 0 is simulation, 1 test, 2 production": (

@@ -77,9 +77,9 @@ COMPOSED = {
         "link2 and link7 of panda would be 3.0 mm inside each other on the way to or from the path, 5 mm are needed: "
         "move the part or clear the way",
     ),
-    "{} demonstrations are usable, {} are needed{}": (
-        "1 demonstrations are usable, 2 are needed",
-        "1 demonstrations are usable, 2 are needed; person-02: its DemonstrationId was used before",
+    "{} usable demonstrations are needed, {} came{}": (
+        "2 usable demonstrations are needed, 1 came",
+        "2 usable demonstrations are needed, 1 came; person-02: its DemonstrationId was used before",
     ),
     "{} times need {} values": (),
     "{} of a recording in {} dimensions: {}": ("10 times need 20 values of a recording in 2 dimensions: 19",),

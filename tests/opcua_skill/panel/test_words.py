@@ -1,11 +1,13 @@
 """Every word of the panel has German, and German says nothing that the panel no longer does."""
 
 import ast
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
 from library.description import Failure
 from opcua_skill.client.values import ENDED
+from opcua_skill.commands.output import counted
 from opcua_skill.panel import card, comparing, frame, recipe_fields
 from opcua_skill.panel import modes as run_modes
 from opcua_skill.panel.german import GERMAN
@@ -29,6 +31,8 @@ def said(file: Path) -> Iterator[str]:
         if not isinstance(node, ast.Call):
             continue
         name = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
+        if name == "count" and isinstance(node.func, ast.Attribute):
+            yield from (text for one in node.args[1:] for text in texts(one))
         if node.args and name in ("words", "_part", NotADemonstration.__name__):
             yield from texts(node.args[0])
 
@@ -91,3 +95,22 @@ def test_german_is_asked_for_by_the_browser() -> None:
     assert language_of("") == "en"
     assert Words("de")("Run") == "Ausführen"
     assert Words("en")("Run") == "Run"
+
+
+def test_one_of_a_thing_is_said_in_the_singular() -> None:
+    for language, said in (
+        ("en", ["0 demonstrations", "1 demonstration", "2 demonstrations"]),
+        ("de", ["0 Vorführungen", "1 Vorführung", "2 Vorführungen"]),
+    ):
+        assert [Words(language).count(number, "demonstration", "demonstrations") for number in range(3)] == said
+    assert [counted(number, "press was", "presses were") for number in (1, 2)] == ["1 press was", "2 presses were"]
+    assert [counted(number, "file") for number in (0, 1)] == ["0 files", "1 file"]
+
+
+def test_no_number_stands_before_a_word_that_is_always_in_the_plural() -> None:
+    plural = "samples|demonstrations|skills|presses|jobs|users|files|cells|components|versions|recordings"
+    wrong = re.compile(r"\{(?!counted|1e3)[^{}]*\} (\{(self\.)?words\('(" + plural + r")\b|(" + plural + r")\b)")
+    for folder in (PANEL / "pages", PANEL.parent / "commands"):
+        for file in folder.rglob("*.py"):
+            found = [line for line in file.read_text(encoding="utf-8").splitlines() if wrong.search(line)]
+            assert not found, (file.name, found)
