@@ -37,7 +37,7 @@ def specs(tree: Tree, methods: WorkstationMethods) -> tuple[MethodSpec, ...]:
             (SKILL, RECIPE_ID, Argument("Mode", INT32, description="0 simulation, 1 test, 2 production")),
             (JOB_ID, STATE),
         ),
-        method("PauseJob", methods.pause_job, OPERATORS, (JOB_ID, COMMENT), (STATE,)),
+        method("PauseJob", methods.pause_job, OPERATORS, (JOB_ID, COMMENT), (STATE,), urgent=True),
         method("ResumeJob", methods.resume_job, OPERATORS, (JOB_ID, COMMENT), (STATE,)),
         method("AbortJob", methods.abort_job, OPERATORS, (JOB_ID, COMMENT), (STATE,), urgent=True),
         method("GetJob", methods.get_job, READERS, (JOB_ID,), (Argument("Report", report),), changes=False),

@@ -87,6 +87,11 @@ class World:
                 await asyncio.sleep(0.01)
         return reading
 
+    async def is_paused(self) -> None:
+        async with asyncio.timeout(LIMIT):
+            while (await self.paced.arm()).mode != "paused":
+                await asyncio.sleep(0.01)
+
     async def is_home(self) -> None:
         async with asyncio.timeout(LIMIT):
             while np.abs((await self.paced.arm()).position - HOME).max() > 2e-3:
@@ -356,9 +361,11 @@ async def test_a_locked_database_does_not_keep_the_arm_from_stopping(world: Worl
     with contextlib.closing(sqlite3.connect(world.plant.database, isolation_level=None, timeout=20.0)) as other:
         other.execute("BEGIN IMMEDIATE")
         asked = time.monotonic()
+        watching = world.people["visitor"].workstation("paced")
+        assert await world.paced.pause(job_id, "look") == "Paused"
+        await world.is_paused()
         assert await world.paced.abort(job_id, "stop") == "Stopping"
         assert time.monotonic() - asked < 10.0, "the answer waited for the database"
-        watching = world.people["visitor"].workstation("paced")
         while not (await watching.arm()).at_rest:
             assert time.monotonic() - asked < 15.0, "the arm still moves while the database is locked"
             await asyncio.sleep(0.01)
@@ -367,6 +374,28 @@ async def test_a_locked_database_does_not_keep_the_arm_from_stopping(world: Worl
         other.execute("ROLLBACK")
     assert (await world.ended(job_id)).state == "Aborted"
     await world.paced.go_home()
+    await world.is_home()
+    await world.paced.release_queue()
+
+
+async def test_a_run_that_somebody_else_marked_as_ended_is_told_as_it_is_paused_resumed_and_aborted(
+    world: World,
+) -> None:
+    job_id = await world.started()
+    with contextlib.closing(sqlite3.connect(world.plant.database, isolation_level=None, timeout=20.0)) as other:
+        other.execute("UPDATE jobs SET state = 'Failed' WHERE job_id = ?", (job_id,))
+    assert (await world.paced.job(job_id)).state == "Running"
+    assert await world.paced.pause(job_id, "look") == "Paused"
+    assert (await world.paced.job(job_id)).state == "Paused"
+    await world.is_paused()
+    assert await world.paced.resume(job_id) == "Running"
+    assert await world.paced.abort(job_id, "stop") == "Stopping"
+    assert (await world.ended(job_id)).state == "Failed", "what somebody else wrote is not written over"
+    async with asyncio.timeout(LIMIT):
+        while True:
+            with contextlib.suppress(Refused):  # the arm is at rest, its lane ends the run
+                await world.paced.go_home()
+                break
     await world.is_home()
     await world.paced.release_queue()
 

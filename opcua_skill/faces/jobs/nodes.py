@@ -24,6 +24,7 @@ from opcua_skill.stack.events import make_notifier
 
 JOB_MANAGEMENT, RECEIVER, PROVIDER, STATUS_EVENT = 1003, 1008, 1003, 1006
 EVENT_TYPE = "JobOrderStatusEventType"
+STOPPING = frozenset({"Pause", "Stop", "Abort"})
 SEVERITY = {OrderState.ABORTED: 700, OrderState.INTERRUPTED: 500}
 
 
@@ -146,7 +147,9 @@ class JobFace:
                 )
             ),
             *(
-                method(name, handler, OPERATORS, (order_id, comment), (status,), urgent=name in {"Stop", "Abort"})
+                method(
+                    name, handler, OPERATORS, (order_id, comment), (status,), urgent=name in {"Pause", "Stop", "Abort"}
+                )
                 for name, handler in (
                     ("Start", handlers.start),
                     ("RevokeStart", handlers.revoke_start),
