@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 ROLES = ("visitor", "mes", "teacher", "engineer", "admin")
 PLACES = ("SkillLibrary", "Machines/ws1", "Machines/ws1/Recorder", "Machines/ws1/Arm", "Machines/ws1/Queue")
 MOST_SECONDS = 60.0  # RemovePoints may learn as long, on a machine that others use; all others answer within 10 s
+# In s of processor time of the loop's thread. The goal is 0.02; where cores are shared the same work takes longer.
+HELD_AT_MOST = 0.06
 LOG_AT_MOST = 2_000_000 + 200_000
 Types = ua.VariantType
 TEXTS = ("", "corner", "corner-default", "x" * 4_000, "\U0010ffff" * 200, "a/b", " ", "json", "Gluing", "ws1")
@@ -164,5 +166,7 @@ def test_no_legal_call_costs_more_than_it_says(world: World, plant: "Plant") -> 
         assert took < MOST_SECONDS, (method.name, role, took)
 
     calls()
+    [longest] = world.runner.run(world.people["visitor"].session.read("SkillLibrary/LongestHold"))
+    assert longest <= HELD_AT_MOST, [line for line in plant.log().splitlines() if "the loop was held" in line]
     assert len(plant.log()) - logged < LOG_AT_MOST
     assert "Traceback" not in plant.log(), plant.log()[-4000:]
