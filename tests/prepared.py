@@ -5,6 +5,7 @@ The same file is the prepared process: `python -m tests.prepared 3`. It has no t
 """
 
 import atexit
+import importlib
 import json
 import os
 import select
@@ -165,6 +166,10 @@ def main() -> None:
     """Import the product, then be asked; where forked, be the product's command line."""
     import opcua_skill.server  # noqa: F401
     from opcua_skill.cli import main as command_line
+    from opcua_skill.workers import PREPARED
+
+    for name in PREPARED:
+        importlib.import_module(name)
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if serve(socket.socket(fileno=int(sys.argv[1]))):

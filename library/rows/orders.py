@@ -44,7 +44,7 @@ def remove(connection: sql.Connection, workstation: str, order_id: str) -> None:
 
 def of_job(connection: sql.Connection, job_id: str) -> JobOrder | None:
     """Return the order that became a job; None where the job was begun in another way."""
-    row = connection.execute(sql.select(job_orders).where(job_orders.c.job_id == job_id)).one_or_none()
+    row = connection.execute(sql.select(job_orders).where(job_orders.c.job_id == job_id)).mappings().one_or_none()
     return None if row is None else _order(row)
 
 
@@ -55,28 +55,28 @@ def newest(connection: sql.Connection, workstation: str, limit: int) -> list[Job
         .where(job_orders.c.workstation == workstation)
         .order_by(job_orders.c.number.desc())
         .limit(limit)
-    ).all()
-    rows = {row.number: row for row in (*newest_rows, *_unended(connection, workstation))}
+    ).mappings()
+    rows = {row["number"]: row for row in (*newest_rows, *_unended(connection, workstation))}
     return [_order(rows[number]) for number in sorted(rows, reverse=True)]
 
 
-def _unended(connection: sql.Connection, workstation: str) -> list[sql.Row[Any]]:
+def _unended(connection: sql.Connection, workstation: str) -> list[sql.RowMapping]:
     """Return the orders that nobody has ended and that became no job, or one that has not ended."""
     ended = sql.select(jobs.c.job_id).where(jobs.c.state.in_([state.value for state in FINAL_JOB_STATES]))
     query = sql.select(job_orders).where(
         job_orders.c.workstation == workstation, job_orders.c.ended == "", job_orders.c.job_id.not_in(ended)
     )
-    return list(connection.execute(query).all())
+    return list(connection.execute(query).mappings())
 
 
 def _same(workstation: str, order_id: str) -> sql.ColumnElement[bool]:
     return (job_orders.c.workstation == workstation) & (job_orders.c.order_id == order_id)
 
 
-def _row(connection: sql.Connection, workstation: str, order_id: str) -> sql.Row[Any] | None:
-    return connection.execute(sql.select(job_orders).where(_same(workstation, order_id))).one_or_none()
+def _row(connection: sql.Connection, workstation: str, order_id: str) -> sql.RowMapping | None:
+    return connection.execute(sql.select(job_orders).where(_same(workstation, order_id))).mappings().one_or_none()
 
 
-def _order(row: sql.Row[Any]) -> JobOrder:
-    with stored(f"job order {row.order_id}"):
-        return JobOrder(**{name: value for name, value in row._mapping.items() if name != "number"})
+def _order(row: sql.RowMapping) -> JobOrder:
+    with stored(f"job order {row['order_id']}"):
+        return JobOrder(**{name: value for name, value in row.items() if name != "number"})

@@ -12,7 +12,7 @@ def facts(report: Mapping[str, Any]) -> Facts:
     """Return what was learned, how well, and how it compares, line by line. What a report does not tell is left out."""
     found: Facts = []
     if "preset" in report:
-        parts = f"{counted(report.get('components'), 'component')} over the {report.get('clock')}"
+        parts = f"{counted(report.get('components', 0), 'component')} over the {report.get('clock')}"
         found.append(("preset", f"{report['preset']}: {parts}"))
     if "length" in report:
         found.append(("path", f"{mm(report['length'])} in {report.get('duration', 0.0):.2f} s"))

@@ -6,6 +6,7 @@ from typing import Any
 from asyncua import ua
 from asyncua.common.utils import Buffer
 from asyncua.ua import ua_binary
+from asyncua.ua.object_ids import ObjectIds
 
 from library.description import JobReport, JobState
 from library.records import JobOrder
@@ -68,9 +69,9 @@ class Structures:
         found = [self._new(STATE, BrowsePath=ua.RelativePath(), StateText=text, StateNumber=number)]
         if substate:
             element = ua.RelativePathElement(
-                ReferenceTypeId=ua.NodeId(ua.ObjectIds.HasSubStateMachine),  # pyright: ignore[reportArgumentType]
-                IsInverse=False,
-                IncludeSubtypes=True,
+                ReferenceTypeId=ua.NodeId(ObjectIds.HasSubStateMachine),  # pyright: ignore[reportArgumentType]
+                IsInverse=False,  # pyright: ignore[reportArgumentType]
+                IncludeSubtypes=True,  # pyright: ignore[reportArgumentType]
                 TargetName=ua.QualifiedName(f"{name}Substates", self._index),
             )
             text, number = ua.LocalizedText(substate, "en"), ua.UInt32(SUBSTATES[state][substate])
