@@ -86,7 +86,8 @@ def test_three_strokes_are_learned_approved_by_another_and_run(
             teacher.draw(stroke(shake))
         else:
             teacher.hand.pen(teacher.on_plate(stroke(shake)), every=40)
-        teacher.page.locator("[data-mark='count']", has_text=f"{number} demonstrations").wait_for()
+        said = f"{number} demonstration" if number == 1 else f"{number} demonstrations"
+        teacher.page.locator("[data-mark='count']", has_text=said).wait_for()
     teacher.page.get_by_label("Name of the skill").fill(drawn)
     teacher.says("Ready to learn")
     teacher.picture("teach", tmp_path)

@@ -18,7 +18,8 @@ pytestmark = pytest.mark.browser
 
 
 def counted(screen: Screen, number: int) -> None:
-    screen.page.locator("[data-mark='count']", has_text=f"{number} demonstrations").wait_for()
+    said = f"{number} demonstration" if number == 1 else f"{number} demonstrations"
+    screen.page.locator("[data-mark='count']", has_text=said).wait_for()
 
 
 def lengths(screen: Screen) -> list[float]:
