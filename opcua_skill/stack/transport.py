@@ -4,9 +4,11 @@ import asyncio
 import contextlib
 import logging
 import secrets
+import sys
 import time
 from collections.abc import Callable
 from enum import IntEnum
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from asyncua import ua
@@ -19,6 +21,8 @@ from opcua_skill.stack.limits import Limits
 from opcua_skill.stack.processor import Processor
 from opcua_skill.stack.values import status, status_name
 
+if sys.platform != "win32":
+    import resource
 if TYPE_CHECKING:
     from opcua_skill.stack.internal import SkillInternalServer
 
@@ -30,6 +34,8 @@ SMALLEST_HELLO, LARGEST_HELLO, SMALLEST_MESSAGE = 32, 4096 + 64, 24
 QUEUED_BEFORE_SIGN_IN = 4
 REAPER_INTERVAL = 0.5
 CLOSING_TIMEOUT = 2.0
+ROOM_FOR_FILES = 16
+"""Files that the process may still open beside its connections: database, traces, log, pipes of its workers."""
 _CHUNK_TYPES = {b"HEL": b"F", b"OPN": b"F", b"CLO": b"F", b"MSG": b"FCA"}
 
 
@@ -260,6 +266,19 @@ class ReservedPort:
         return self.make_protocol()
 
 
+def connections_that_fit(most: int) -> int:
+    """Return how many connections of ``most`` a process can hold and still open its own files; at least one."""
+    if sys.platform == "win32":  # sockets are no files there
+        return most
+    allowed, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if allowed == resource.RLIM_INFINITY:
+        return most
+    fit = max(1, allowed - sum(1 for _ in Path("/dev/fd").iterdir()) - ROOM_FOR_FILES)
+    if fit < most:
+        log.warning("%d connections are taken at most, not %d: this process may open %d files", fit, most, allowed)
+    return min(most, fit)
+
+
 class Acceptor(BinaryServer):
     """Accepts connections, keeps their number in bounds, and closes those that do not behave."""
 
@@ -269,6 +288,7 @@ class Acceptor(BinaryServer):
     def __init__(self, internal_server: "SkillInternalServer", hostname: str, port: int, limits: Any) -> None:
         super().__init__(internal_server, hostname, port, limits)
         self.stack_limits = internal_server.limits
+        self.most_connections = self.stack_limits.connections
         self.unfinished_bytes = 0
         self.reserved: ReservedPort | None = None
         self._reaper: asyncio.Task[None] | None = None
@@ -285,7 +305,7 @@ class Acceptor(BinaryServer):
             return self._give_way(half_open)
         if len(same) >= limits.connections_per_address:
             return self._give_way(same)
-        if len(self.clients) >= limits.connections:
+        if len(self.clients) >= self.most_connections:
             return self._give_way(self.clients)
         return True
 
@@ -302,6 +322,7 @@ class Acceptor(BinaryServer):
     async def start(self) -> None:
         """Listen, on the port that was reserved if one was."""
         reserved = self.reserved or await ReservedPort.take(self.hostname, self.port)
+        self.most_connections = connections_that_fit(self.stack_limits.connections)
         reserved.make_protocol = self._make_protocol
         self._server = reserved.server
         if self.port == 0 and len(reserved.server.sockets) == 1:
