@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.demonstration import Bools, Floats
-from models.geometry import norms, ranked
+from models.geometry import diagonal, norms, ranked
 
 LEAST_REACH = 7  # samples to either side: bursts of reflections last up to six
 PASSES = 4
@@ -41,15 +41,33 @@ def reflections(times: Floats, points: Floats, crossing: float, size: float) -> 
 
 
 def _off_the_track(times: Floats, points: Floats, size: float) -> Bools:
-    """Return which samples (n,) no hand could have reached: all but the longest chain of stretches without a jump.
+    """Return which samples (n,) no hand could have reached, or was not at when they say so.
 
-    A jump is a step eight times faster than a brisk one of this recording, and 1.5 % of the drawing more.
+    A jump is a step eight times faster than a brisk one of this recording, and 1.5 % of the drawing more. A place told
+    again and again until the hand is seen elsewhere was the tracker's last, not the hand's.
     """
-    spans = np.diff(times)
-    speeds = norms(np.diff(points, axis=0)) / spans
-    fastest = JUMP * float(ranked(speeds, BRISK))
-    slack = JUMP_REACH * size
-    starts = np.concatenate([[0], np.flatnonzero(speeds * spans > fastest * spans + slack) + 1])
+    spans, steps = np.diff(times), norms(np.diff(points, axis=0))
+    fastest, slack = JUMP * float(ranked(steps / spans, BRISK)), JUMP_REACH * size
+    index = np.arange(len(points))
+    first_there = np.maximum.accumulate(np.where(np.concatenate([[True], steps > 0.0]), index, 0))
+    found = np.zeros(len(points), dtype=bool)
+    for last in np.flatnonzero(steps > fastest * spans + slack):
+        first = first_there[last]
+        if first < last and steps[last] <= fastest * (times[last + 1] - times[first]) + slack:
+            found[first + 1 : last + 1] = True
+    kept = np.flatnonzero(~found)
+    found[kept] = _off_the_chain(times[kept], points[kept], fastest, slack)
+    return found
+
+
+def _off_the_chain(times: Floats, points: Floats, fastest: float, slack: float) -> Bools:
+    """Return which samples (n,) are not of the longest chain of stretches without a jump.
+
+    A reflection comes back to the track. What lies before or after the chain, and goes a way of its own, is the task
+    too: frames were lost in between.
+    """
+    spans, steps = np.diff(times), norms(np.diff(points, axis=0))
+    starts = np.concatenate([[0], np.flatnonzero(steps > fastest * spans + slack) + 1])
     ends = np.append(starts[1:], len(points)) - 1
     if len(starts) == 1:
         return np.zeros(len(points), dtype=bool)
@@ -67,6 +85,11 @@ def _off_the_track(times: Floats, points: Floats, size: float) -> Bools:
     while segment >= 0:
         found[starts[segment] : ends[segment] + 1] = False
         segment = before[segment]
+    kept = np.flatnonzero(~found)
+    for part in (slice(0, kept[0]), slice(kept[-1] + 1, len(points))):
+        if len(times[part]) > 1:
+            off = _off_the_chain(times[part], points[part], fastest, slack)
+            found[part] = off if diagonal(points[part][~off]) > slack else True
     return found
 
 

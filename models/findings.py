@@ -32,6 +32,7 @@ Code = Literal[
     "end-guessed",
     "path-simplified",
     "without-orientation",
+    "dots-not-laid",
 ]
 
 

@@ -56,6 +56,7 @@ __all__ = [
 TIME_STEP = 0.008
 WIDEST = 10.0
 OTHER_UNIT = 100.0
+SAME_PLACE = 0.01
 
 
 def learn(
@@ -154,7 +155,12 @@ def _learn(
     )
     every = tuple(verdicts[index] for index in range(len(demonstrations)))
     names = [demonstrations[index].demonstration_id for index in used]
-    findings = (*fitted.findings, *_orientation_finding([motions[index] for index in order]))
+    every_motion = [motions[index] for index in order]
+    findings = (
+        *fitted.findings,
+        *_orientation_finding(every_motion),
+        *_dots_finding(fitted, [motions[index] for index in used], motion.dispense),
+    )
     everyone = [motions[index].demonstration_id for index in order]
     report = _report(motion, replace(fitted, findings=findings), everyone, names, every, options)
     tell(0.95, "comparing")
@@ -245,6 +251,34 @@ def _orientation_finding(motions: Sequence[CleanMotion]) -> tuple[Finding, ...]:
         "none was learned: record it in all of them, or exclude those without"
     )
     return (Finding("without-orientation", words, people=tuple(without)),)
+
+
+def _dots_finding(
+    fitted: Fitted, motions: Sequence[CleanMotion], laid: Sequence[tuple[float, float]]
+) -> tuple[Finding, ...]:
+    """Return what is to be said where most pressed the button at a place of the path at which nothing is dispensed."""
+    grid = fitted.phases
+    votes, there = np.zeros(len(grid)), np.zeros(len(grid))
+    for motion, times in zip(motions, fitted.aligned.times, strict=True):
+        known = np.isfinite(times)
+        there += known
+        turns = np.flatnonzero(np.diff(np.concatenate([[False], motion.triggers, [False]]).astype(np.int64)))
+        pressed = np.zeros(len(grid), dtype=bool)
+        for first, after in zip(turns[::2], turns[1::2], strict=True):
+            ends = np.interp(motion.times[[first, after - 1]], np.maximum.accumulate(times[known]), grid[known])
+            if not any(start <= ends[1] and ends[0] <= end for start, end in laid):
+                pressed |= (grid >= ends[0] - SAME_PLACE) & (grid <= ends[1] + SAME_PLACE)
+        votes += pressed
+    most = votes > 0.5 * there
+    starts = np.flatnonzero(np.diff(np.concatenate([[False], most]).astype(np.int64)) == 1)
+    if not len(starts):
+        return ()
+    place = float(np.clip(grid[starts[0]] + SAME_PLACE, 0.0, 1.0))
+    words = (
+        f"most pressed the button where the path does not go on, {len(starts)} times, first at {place:.2f} of it: dots "
+        "are not dispensed, only beads along the path: press a little before such a place and let go a little after it"
+    )
+    return (Finding("dots-not-laid", words, place),)
 
 
 def _report(

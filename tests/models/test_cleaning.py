@@ -100,6 +100,30 @@ def test_struck_samples_are_not_used() -> None:
     assert np.abs(found.points - clean(whole, NOBODY, 0.07, despiking=False).points).max() < 0.5e-3
 
 
+@pytest.mark.parametrize("frames", [15, 30, 40])
+@pytest.mark.parametrize("place", [0.1, 0.4, 0.85])
+def test_places_that_a_tracker_told_again_are_lost_and_what_follows_is_kept(place: float, frames: int) -> None:
+    whole = drawn()
+    points = whole.points.copy()
+    first = round(place * len(points))
+    points[first : first + frames] = points[first]
+    found = clean(with_points(whole, points), NOBODY, 0.07, despiking=True)
+    assert found.used[: first + 1].all()
+    assert found.used[first + frames :].all()
+    seen = clean(whole, NOBODY, 0.07, despiking=True)
+    bridged = (found.times < whole.times[first] - 0.1) | (found.times > whole.times[first + frames] + 0.1)
+    assert np.abs(found.points - seen.points)[bridged].max() < 1e-3
+
+
+@pytest.mark.parametrize("place", [0.2, 0.4, 0.8])
+def test_frames_lost_without_a_gap_in_the_stamps_cost_no_part_of_the_task(place: float) -> None:
+    whole = drawn()
+    first = round(place * len(whole.points))
+    points = np.delete(whole.points, slice(first, first + 40), axis=0)
+    short = Demonstration("one", whole.times[: len(points)], points, whole.triggers[: len(points)])
+    assert clean(short, NOBODY, 0.07, despiking=True).used.all()
+
+
 def test_a_lost_marker_and_a_still_hand_are_refused_with_what_to_do() -> None:
     whole = drawn()
     lost = np.full_like(whole.points, np.nan)

@@ -184,3 +184,39 @@ def test_progress_rises_to_one() -> None:
     learn(simulated_people(3, 13)[0], progress=lambda done, what: told.append(done))
     assert told == sorted(told)
     assert told[-1] == 1.0
+
+
+def beads_and_dots(dot: float, generator: np.random.Generator) -> Demonstration:
+    """Return a bead of 50 mm, a press of ``dot`` s where the hand stands, and another bead; 100 Hz."""
+    points: list[np.ndarray] = []
+    pressed: list[bool] = []
+
+    def go(begin: tuple[float, float], end: tuple[float, float], press: bool) -> None:
+        steps = round(np.linalg.norm(np.subtract(end, begin)) / 0.04 * 100.0)
+        points.extend(np.linspace(begin, end, steps))
+        pressed.extend([press] * steps)
+
+    go((0.0, 0.0), (0.05, 0.0), True)
+    go((0.05, 0.0), (0.075, 0.02), False)
+    points.extend([np.array([0.075, 0.02])] * round(100.0 * dot))
+    pressed.extend([True] * round(100.0 * dot))
+    go((0.075, 0.02), (0.1, 0.0), False)
+    go((0.1, 0.0), (0.15, 0.0), True)
+    noisy = np.array(points) + generator.normal(0.0, 0.3e-3, 2) + generator.normal(0.0, 0.05e-3, (len(points), 2))
+    name = f"p{generator.integers(10**9)}"
+    return Demonstration(name, np.arange(len(points)) / 100.0, noisy, np.array(pressed))
+
+
+@pytest.mark.parametrize("dot", [0.3, 1.0])
+def test_a_dot_that_is_not_laid_is_told(dot: float) -> None:
+    generator = np.random.default_rng(5)
+    learned = learn([beads_and_dots(dot, generator) for _ in range(4)], compare=False)
+    [found] = [one for one in learned.report.findings if one.code == "dots-not-laid"]
+    middle = learned.motion.at_phases(np.array([found.place]))[0][0]
+    assert np.linalg.norm(middle - [0.075, 0.02]) < 3e-3
+    assert len(learned.motion.dispense) == 2, "the beads are"
+
+
+def test_beads_alone_leave_nothing_to_tell_of_dots() -> None:
+    learned = learn(simulated_people(7, 3, reflections=True, early_release=1)[0], compare=False)
+    assert "dots-not-laid" not in {one.code for one in learned.report.findings}

@@ -158,6 +158,11 @@ LEARNING = {
         "{n} von {n2} Vorführungen haben keine Orientierung des Werkzeugs ({a}), darum wurde keine gelernt: "
         "in allen aufnehmen oder die ohne auslassen"
     ),
+    "most pressed the button where the path does not go on, {n} times, first at {n2} of it: dots are not dispensed, "
+    "only beads along the path: press a little before such a place and let go a little after it": (
+        "die meisten haben die Taste gedrückt, wo die Bahn nicht weitergeht, {n}-mal, zuerst bei {n2} der Bahn: Punkte "
+        "werden nicht dosiert, nur Raupen entlang der Bahn: kurz davor drücken und kurz danach loslassen"
+    ),
     "the shape is simplified with {n} components: {n2} mm off the people's mean at {n3} of the path, where it is sure "
     "to {n4} mm": (
         "die Form ist mit {n} Komponenten vereinfacht: {n2} mm neben dem Mittel der Personen bei {n3} der Bahn, "
