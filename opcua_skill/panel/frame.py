@@ -53,7 +53,7 @@ MODE_WORDS = {
     "closed": "not in contact",
     "idle": "at rest",
     "running": "moving",
-    "paused": "paused on the path",
+    "paused": "paused",
     "stopping": "stopping",
     "protective stop": "protective stop",
     "fault": "fault",

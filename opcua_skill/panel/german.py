@@ -47,7 +47,7 @@ GERMAN: dict[str, str] = RUNNING | {
     "The connection is back since": "Die Verbindung besteht wieder seit",
     "at rest": "in Ruhe",
     "moving": "bewegt sich",
-    "paused on the path": "angehalten auf der Bahn",
+    "paused": "angehalten",
     "stopping": "hält an",
     "protective stop": "Schutzhalt",
     "fault": "Störung",

@@ -36,7 +36,7 @@ class Player(Element, component=STATIC / "player.js", esm={"panel-links": str(ST
             "comma": words.figures("0.5")[1],
             "arm": words("Whole arm"),
             "near": words("Path only"),
-            "paused": words("paused on the path"),
+            "paused": words("paused"),
         }
         self._props["height"] = height
 

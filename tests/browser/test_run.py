@@ -124,7 +124,7 @@ def test_three_strokes_are_learned_approved_by_another_and_run(
     assert len(away_from_the_browser(lambda: jobs_of(plant))) == 2, "one simulation and one run: two presses are one"
     operator.marked("job-mode").get_by_text("PRODUCTION (AUTO)").wait_for()
     operator.button("Pause").click()
-    arm_says(operator, "paused on the path")
+    arm_says(operator, "paused")
     operator.picture("paused", tmp_path)
     operator.button("Go on").click()
     arm_says(operator, "moving")
