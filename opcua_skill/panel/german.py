@@ -209,7 +209,7 @@ GERMAN: dict[str, str] = RUNNING | {
     "Speed override": "Geschwindigkeit",
     "waiting": "wartend",
     "speed of the animation": "Geschwindigkeit der Wiedergabe",
-    "measured from commanded": "gemessen gegen befohlen",
+    "off what was commanded by": "vom Befohlenen entfernt",
     "Measured from commanded: RMS / largest": "Gemessen gegen befohlen: RMS / größter",
     "RMS / largest": "RMS / größter",
     "Play": "Abspielen",

@@ -71,9 +71,10 @@ RUNNING: dict[str, str] = {
     "measured on the arm": "am Arm gemessen",
     "simulated, nothing moved": "simuliert, nichts hat sich bewegt",
     "Path of the nozzle": "Bahn der Düse",
-    "Grey dashes: planned · orange dots: the arm as it moves · in a replay blue: commanded, violet: measured": (
+    "Grey dashes: planned · orange dots: the arm as it moves · in a replay blue: commanded, violet: measured or "
+    "simulated": (
         "Grau gestrichelt: geplant · orange Punkte: der Arm, wie er sich bewegt · in einer Wiederholung blau: "
-        "befohlen, violett: gemessen"
+        "befohlen, violett: gemessen oder simuliert"
     ),
     # stop, home, loss
     "The arm stopped and waits. Look why, then reset: that moves nothing. After that, send it to the start: it never "

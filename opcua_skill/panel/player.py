@@ -25,7 +25,7 @@ class Player(Element, component=STATIC / "player.js", esm={"panel-links": str(ST
         self._props["labels"] = {
             "time": words("time"),
             "speed": words("speed of the animation"),
-            "away": words("measured from commanded"),
+            "away": words("off what was commanded by"),
             "error": words("error (mm)"),
             "play": words("▶ Play the replay"),
             "hold": words("Hold the replay"),

@@ -71,7 +71,8 @@ class RunPage:
         self.player = Player(words, "max(300px, calc(100vh - 400px))").classes("w-full").props('data-mark="player"')
         self.player.on("drawn", self.drawn)
         legend = (
-            "Grey dashes: planned · orange dots: the arm as it moves · in a replay blue: commanded, violet: measured"
+            "Grey dashes: planned · orange dots: the arm as it moves · in a replay blue: commanded, "
+            "violet: measured or simulated"
         )
         ui.label(words(legend)).classes("small soft")
 
