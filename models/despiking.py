@@ -101,7 +101,9 @@ def _off_the_neighbours(times: Floats, points: Floats, crossing: float) -> Indic
     step = float(ranked(np.diff(times), 0.5))
     half = min(max(LEAST_REACH, round(crossing / step)), (len(points) - 1) // 2)
     lengths = norms(np.diff(points, axis=0))
-    reach = half * step * float(ranked(lengths / np.diff(times), BRISK))
+    # Of positions told in whole millimetres most steps are none: the hand is as fast as over a window.
+    strides = norms(points[half:] - points[:-half]) / (times[half:] - times[:-half])
+    reach = half * step * max(float(ranked(lengths / np.diff(times), BRISK)), float(ranked(strides, 0.5)))
     way = np.concatenate([[0.0], np.cumsum(lengths)])
     index = np.arange(len(points))
     low, high = np.maximum(index - half, 0), np.minimum(index + half, len(points) - 1)

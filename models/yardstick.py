@@ -56,7 +56,7 @@ def mean_path(points: Floats, weights: Floats, orientations: Floats | None) -> M
     own = square * people
     variance = (own + WHOLE_PATH * float(own.sum() / max(float(free.sum()), 1.0))) / (free + WHOLE_PATH)
     least = FINEST * float(norms(np.diff(mean, axis=0)).sum())
-    errors = np.sqrt(variance / people + least * least)
+    errors = np.sqrt(variance / np.maximum(people, 1e-12) + least * least)
     if orientations is None:
         return MeanPath(mean, ahead, errors)
     turned = mean_of(orientations, weights)

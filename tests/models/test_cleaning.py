@@ -115,6 +115,13 @@ def test_places_that_a_tracker_told_again_are_lost_and_what_follows_is_kept(plac
     assert np.abs(found.points - seen.points)[bridged].max() < 1e-3
 
 
+@pytest.mark.parametrize("quantum", [0.5e-3, 1e-3, 2e-3])
+def test_positions_told_in_coarse_steps_by_a_slow_hand_are_no_reflections(quantum: float) -> None:
+    slow = drawn(seconds=15.0)
+    found = clean(with_points(slow, np.round(slow.points / quantum) * quantum), NOBODY, 0.07, despiking=True)
+    assert found.used.all()
+
+
 @pytest.mark.parametrize("place", [0.2, 0.4, 0.8])
 def test_frames_lost_without_a_gap_in_the_stamps_cost_no_part_of_the_task(place: float) -> None:
     whole = drawn()
