@@ -26,6 +26,7 @@ Code = Literal[
     "two-directions",
     "two-places",
     "two-disagree",
+    "two-ways",
     "begun-elsewhere",
     "common-gap",
     "start-guessed",

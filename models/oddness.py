@@ -4,6 +4,8 @@
 # pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
 # pyright: reportMissingTypeStubs=false, reportAttributeAccessIssue=false
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from models.alignment import costs, warp
@@ -107,6 +109,59 @@ def odd_ones(points: Floats, weights: Floats, phases: Floats) -> dict[int, Remar
         peak = int(away.argmax())
         found[row] = off(float(phases[peak]), offsets[row, peak])
     return found
+
+
+@dataclass(frozen=True, slots=True)
+class Ways:
+    """Two ways past one place, rows of who took which, the fewer last: ``place`` 0..1 of the path, ``size`` m apart."""
+
+    most: tuple[int, ...]
+    others: tuple[int, ...]
+    place: float
+    size: float
+
+
+def two_ways(points: Floats, weights: Floats, phases: Floats) -> Ways | None:
+    """Return where the aligned motions (u, n, d) part in two ways with nobody between, None if they nowhere do.
+
+    Of two groups, a third of them at least each, the means over 5 % of the path are there seven times as far apart,
+    across it, as the members of a group are among themselves, and as everybody usually is.
+    """
+    if len(points) < 3:
+        return None
+    width = _width(points.shape[1])
+    count = points.shape[1] // width
+    windows = _across(points, _median(points, weights))[:, : count * width].reshape(len(points), count, width, -1)
+    known = np.isfinite(windows[..., 0])
+    people = known.sum(axis=2)
+    offsets = np.where(known[..., None], windows, 0.0).sum(axis=2) / np.maximum(people, 1)[..., None]
+    there = people > 0
+    counted = [k for k in range(count) if there[:, k].sum() > 2]
+    if not counted:
+        return None
+    usual = float(np.median([_spread([offsets[there[:, k], k]]) for k in counted]))
+    found, furthest = None, 2.0 * FAR
+    for k in counted:
+        rows = np.flatnonzero(there[:, k])
+        here = offsets[rows, k]
+        main = np.linalg.svd(here - here.mean(axis=0))[2][0]
+        order = np.argsort(here @ main, kind="stable")
+        least = -(-len(rows) // 3)
+        for cut in range(least, len(rows) - least + 1):
+            groups = [here[order[:cut]], here[order[cut:]]]
+            size = float(norms(groups[1].mean(axis=0) - groups[0].mean(axis=0)))
+            if size > furthest * max(_spread(groups), usual, 1e-12):
+                furthest = size / max(_spread(groups), usual, 1e-12)
+                ids = [tuple(sorted(rows[part].tolist())) for part in (order[:cut], order[cut:])]
+                ids.sort(key=len, reverse=True)
+                found = Ways(ids[0], ids[1], float(phases[k * width + width // 2]), size)
+    return found
+
+
+def _spread(groups: list[Floats]) -> float:
+    """Return the deviation in m within groups of places (k, d), each from its own mean."""
+    square = sum(float(((group - group.mean(axis=0)) ** 2).sum()) for group in groups)
+    return float(np.sqrt(square / max(sum(map(len, groups)) - len(groups), 1)))
 
 
 def _across(points: Floats, usual: Floats) -> Floats:

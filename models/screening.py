@@ -18,7 +18,7 @@ from models.findings import Finding
 from models.group import Group, reference_of
 from models.laying import Drawings, drawn, laid
 from models.loops import begun_at, starts
-from models.oddness import against_direction, first_pass, mismatch, odd_ones
+from models.oddness import against_direction, first_pass, mismatch, odd_ones, two_ways
 from models.options import LearningOptions
 from models.placing import laid_freely
 from models.shapes import named, other_shapes
@@ -155,6 +155,17 @@ def _without_odd_ones(found: Screened, options: LearningOptions, tell: Progress)
             break
         found.left_out.update({found.rows[row]: remark for row, remark in odd.items()})
         found.lay(options)
+    points, weights = (values[:, found.judged] for values in (found.aligned.points, found.aligned.weights))
+    ways = two_ways(points, weights, np.flatnonzero(found.judged) / (len(found.judged) - 1.0))
+    if ways is not None:
+        most, others = (
+            tuple(sorted(found.names[found.rows[row]] for row in group)) for group in (ways.most, ways.others)
+        )
+        words = (
+            f"at {ways.place:.2f} of the path {named(most)} and {named(others)} go ways {millimetres(ways.size)} mm "
+            "apart with nobody between: exclude one group, or draw it again one way, for the path lies between them"
+        )
+        found.findings.append(Finding("two-ways", words, ways.place, ways.size, others, most))
     if len(found.rows) == 2:
         apart = disagreement(found.aligned.points[:, found.judged])
         if apart is not None:

@@ -23,11 +23,12 @@ class Call:
 
 @dataclass(frozen=True)
 class Beginning:
-    """A motion that began."""
+    """A motion that began; ``handed``: when the arm was given it, which may take a while to begin."""
 
     at: int
     kind: str
     digest: str
+    handed: int = 0
 
 
 @dataclass
@@ -74,6 +75,8 @@ class Ledger:
         if not held:
             return
         last = max(held, key=lambda one: one.ended)
+        if last.what == "hold" and began.handed and last.started > began.handed:
+            return  # what runs goes on, and it was under way
         released = [
             one for one in self.of("release")
             if one.started < began.at and one.good is not False and (one.ended == 0 or one.ended > last.started)

@@ -1,6 +1,7 @@
 """An arm with a side of its own: a pendant, faults, a cable, a hand; it writes down every beginning of a motion."""
 
 import asyncio
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -38,6 +39,7 @@ class PendantArm:
     def __init__(self, model: ArmModel, journal: Journal, *, away: bool = False, seconds: float = 0.0) -> None:
         self.model = model
         self.journal = journal
+        self.handed = 0
         self.seconds = seconds
         self.latency = 0
         self.cable = True
@@ -84,6 +86,7 @@ class PendantArm:
 
     async def run(self, plan: MotionPlan, on_progress: Callable[[Progress], None]) -> Trace:
         check_start(self.model, self.state(), plan)
+        self.handed = time.monotonic_ns()
         for _ in range(self.latency):
             await asyncio.sleep(0)
         check_start(self.model, self.state(), plan)

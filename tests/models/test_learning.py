@@ -220,3 +220,40 @@ def test_a_dot_that_is_not_laid_is_told(dot: float) -> None:
 def test_beads_alone_leave_nothing_to_tell_of_dots() -> None:
     learned = learn(simulated_people(7, 3, reflections=True, early_release=1)[0], compare=False)
     assert "dots-not-laid" not in {one.code for one in learned.report.findings}
+
+
+def past_a_clamp(left: int, right: int, bulge: float, seed: int) -> list[Demonstration]:
+    """Return people who draw a line of 200 mm and pass its middle on one side or the other."""
+    generator = np.random.default_rng(seed)
+    found: list[Demonstration] = []
+    for side, count in ((1.0, left), (-1.0, right)):
+        for _ in range(count):
+            x = np.linspace(0.0, 0.2, round(400 * np.exp(generator.normal(0.0, 0.1))))
+            y = side * bulge * np.exp(-0.5 * ((x - 0.1) / 0.015) ** 2) + 0.4e-3 * np.sin(20.0 * x + generator.normal())
+            points = np.column_stack([x, y]) + generator.normal(0.0, 0.4e-3, 2)
+            points += generator.normal(0.0, 0.05e-3, points.shape)
+            name = f"{'left' if side > 0 else 'right'} {len(found)}"
+            found.append(Demonstration(name, np.arange(len(x)) / 100.0, points, np.ones(len(x), dtype=bool)))
+    return found
+
+
+@pytest.mark.parametrize(("left", "right"), [(2, 2), (3, 3), (5, 5), (2, 1)])
+@pytest.mark.parametrize("bulge", [0.004, 0.015])
+def test_a_path_between_two_ways_is_told(left: int, right: int, bulge: float) -> None:
+    learned = learn(past_a_clamp(left, right, bulge, seed=left), compare=False)
+    told = [one for one in learned.report.findings if one.code == "two-ways"]
+    left_out = {one.demonstration_id for one in learned.verdicts if one.kind is VerdictKind.LEFT_OUT}
+    if left_out:  # or the fewer are left out by name, and the path is that of the others
+        assert {name.split()[0] for name in left_out} in ({"left"}, {"right"})
+        return
+    [found] = told
+    assert {name.split()[0] for name in found.people} in ({"left"}, {"right"})
+    assert abs(found.place - 0.5) < 0.06
+    assert found.size == pytest.approx(2.0 * bulge, rel=0.2)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_people_who_draw_one_shape_do_not_part_in_ways(seed: int) -> None:
+    for count in (3, 6):
+        learned = learn(simulated_people(count, seed, reflections=False)[0], compare=False)
+        assert "two-ways" not in {one.code for one in learned.report.findings}

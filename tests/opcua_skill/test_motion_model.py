@@ -211,7 +211,7 @@ class Day(RuleBasedStateMachine):
         return self.loop.run_until_complete(limited())
 
     def begins(self, kind: str, digest: str) -> None:
-        self.ledger.began.append(Beginning(Call("").started, kind, digest))
+        self.ledger.began.append(Beginning(Call("").started, kind, digest, self.arm.handed if kind == "run" else 0))
         if kind == "run" and self.arm.state().override > self.shift.station.speed_override:
             self.faults.append("a run began faster than anybody asked for")
 

@@ -121,6 +121,11 @@ LEARNING = {
         "{a} sind {n} mm auseinander bei {n2} der Bahn, und bei zweien weiß niemand, wer recht hat: "
         "eine dritte Person zeichnen lassen"
     ),
+    "at {n} of the path {a} and {b} go ways {n2} mm apart with nobody between: exclude one group, or draw it again one "
+    "way, for the path lies between them": (
+        "bei {n} der Bahn gehen {a} und {b} Wege, die {n2} mm auseinanderliegen, und niemand dazwischen: "
+        "eine Gruppe auslassen oder auf einem Weg neu zeichnen, denn die Bahn liegt dazwischen"
+    ),
     "at {n} of the path the marker of {n2} of {n3} was lost: check it there": (
         "bei {n} der Bahn war der Marker von {n2} von {n3} verloren: die Bahn dort prüfen"
     ),
