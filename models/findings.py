@@ -33,6 +33,7 @@ Code = Literal[
     "end-guessed",
     "path-simplified",
     "without-orientation",
+    "tool-held-otherwise",
     "dots-not-laid",
 ]
 

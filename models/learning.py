@@ -39,6 +39,7 @@ from models.report import (
     samples_along_path,
 )
 from models.stretches import Extra, Pause
+from models.tool import tool_findings
 from models.wording import what_it_did
 
 __all__ = [
@@ -159,6 +160,7 @@ def _learn(
     findings = (
         *fitted.findings,
         *_orientation_finding(every_motion),
+        *tool_findings(fitted.aligned.orientations, names),
         *_dots_finding(fitted, [motions[index] for index in used], motion.dispense),
     )
     everyone = [motions[index].demonstration_id for index in order]

@@ -6,8 +6,6 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Protocol
 
-from asyncua.crypto.permission_rules import User, UserRole
-
 
 class Role(StrEnum):
     """What somebody may do; each role may also do all that the roles before it may."""
@@ -69,14 +67,6 @@ class Caller:
     role: Role
     session_id: str
     peer: str
-
-
-class SignedIn(User):
-    """asyncua's idea of a user, and the identity we know it by. To asyncua every network client is a plain user."""
-
-    def __init__(self, identity: Identity) -> None:
-        super().__init__(role=UserRole.User, name=identity.name)
-        self.identity = identity
 
 
 _caller: ContextVar[Caller] = ContextVar("opcua_skill_caller")

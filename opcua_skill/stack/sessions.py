@@ -19,7 +19,7 @@ from asyncua.server.internal_session import InternalSession, SessionState
 from asyncua.ua.attribute_ids import AttributeIds
 from asyncua.ua.status_codes import StatusCodes as Codes
 
-from opcua_skill.security.access import Caller, Identity, Peer, Role, SignedIn, calling_as
+from opcua_skill.security.access import Caller, Identity, Peer, Role, calling_as
 from opcua_skill.stack.audit import WriteRecord, claimed
 from opcua_skill.stack.browsing import Browser
 from opcua_skill.stack.calls import Refused
@@ -53,6 +53,14 @@ class Channel:
 
 
 current_channel: ContextVar[Channel] = ContextVar("opcua_skill_channel")
+
+
+class SignedIn(User):
+    """asyncua's idea of a user, and the identity we know it by. To asyncua every network client is a plain user."""
+
+    def __init__(self, identity: Identity) -> None:
+        super().__init__(role=UserRole.User, name=identity.name)
+        self.identity = identity
 
 
 class Session(SubscribingSession):

@@ -257,3 +257,40 @@ def test_people_who_draw_one_shape_do_not_part_in_ways(seed: int) -> None:
     for count in (3, 6):
         learned = learn(simulated_people(count, seed, reflections=False)[0], compare=False)
         assert "two-ways" not in {one.code for one in learned.report.findings}
+
+
+def holding(angles: list[float], seed: int = 0) -> list[Demonstration]:
+    """Return people who draw an arc and hold the tool turned by these angles, deg, beside what hands waver."""
+    generator = np.random.default_rng(seed)
+    found: list[Demonstration] = []
+    for number, angle in enumerate(angles):
+        x = np.linspace(0.0, 0.15, 300)
+        points = np.column_stack([x, 5e-3 * np.sin(x / 0.03), 0.0 * x]) + generator.normal(0.0, 0.3e-3, 3)
+        turn = np.radians(angle + generator.normal(0.0, 2.0) + 3.0 * np.sin(40.0 * x + generator.normal()))
+        quaternions = np.column_stack([0.0 * x, 0.0 * x, np.sin(0.5 * turn), np.cos(0.5 * turn)])
+        times = np.arange(len(x)) / 100.0
+        found.append(Demonstration(f"p{number}", times, points, np.ones(len(x), dtype=bool), orientations=quaternions))
+    return found
+
+
+@pytest.mark.parametrize(
+    ("angles", "people"),
+    [
+        ([0.0, 0.0, 0.0, 0.0, 180.0], ("p4",)),
+        ([0.0, 0.0, 0.0, 0.0, 45.0], ("p4",)),
+        ([90.0, 0.0, 0.0], ("p0",)),
+        ([0.0, 90.0, 0.0, 90.0], None),
+        ([180.0, 0.0, 180.0, 0.0], None),
+        ([0.0, 0.0, 0.0], ()),
+        ([10.0] * 6, ()),
+    ],
+)
+def test_who_held_the_tool_otherwise_is_told(angles: list[float], people: tuple[str, ...] | None) -> None:
+    learned = learn(holding(angles), compare=False)
+    told = [one for one in learned.report.findings if one.code == "tool-held-otherwise"]
+    if people is None:
+        [found] = told
+        groups = {frozenset(found.people), frozenset(found.others)}
+        assert groups == {frozenset({"p0", "p2"}), frozenset({"p1", "p3"})}
+    else:
+        assert [one.people for one in told] == ([people] if people else [])

@@ -163,6 +163,16 @@ LEARNING = {
         "{n} von {n2} Vorführungen haben keine Orientierung des Werkzeugs ({a}), darum wurde keine gelernt: "
         "in allen aufnehmen oder die ohne auslassen"
     ),
+    "{a} held the tool up to {n} degrees from how the others did: exclude them, or let them show it again, for the "
+    "tool is held as all did on average": (
+        "{a} hielten das Werkzeug bis zu {n} Grad anders als die anderen: auslassen oder neu zeigen lassen, "
+        "denn es wird im Mittel aller gehalten"
+    ),
+    "the tool was held in two ways, {n} degrees apart, by {a} and by {b}: exclude one group, or show it again one way, "
+    "for the tool is held between them": (
+        "das Werkzeug wurde auf zwei Arten gehalten, {n} Grad auseinander, von {a} und von {b}: "
+        "eine Gruppe auslassen oder auf eine Art neu zeigen, denn es wird dazwischen gehalten"
+    ),
     "most pressed the button where the path does not go on, {n} times, first at {n2} of it: dots are not dispensed, "
     "only beads along the path: press a little before such a place and let go a little after it": (
         "die meisten haben die Taste gedrückt, wo die Bahn nicht weitergeht, {n}-mal, zuerst bei {n2} der Bahn: Punkte "

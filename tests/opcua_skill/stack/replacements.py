@@ -15,7 +15,7 @@ from opcua_skill.stack.decoding import install
 from opcua_skill.stack.limits import Limits
 
 WIRING = {
-    "access.SignedIn.__init__": "carries our identity in asyncua's user",
+    "sessions.SignedIn.__init__": "carries our identity in asyncua's user",
     "calls.CheckedMethods.__init__": "makes our tables and no threads",
     "calls.CheckedMethods.call": "asks for each call apart, so that one's fault is its own",
     "chunks.SecureChannel.__init__": "makes our buffers",
