@@ -150,7 +150,7 @@ def test_users_come_from_files_as_spreadsheets_save_them(
     ("lines", "words"),
     [
         ([USERS[0], 'anna,teacher,"correct horse'], "line 2: a quote is opened and not closed"),
-        ([USERS[0], "anna;teacher;correct horse battery"], "line 2: it has 1 cells, the first line 3"),
+        ([USERS[0], "anna;teacher;correct horse battery"], "line 2: it has 1 cell, the first line 3"),
         (["name,password", "anna,correct horse battery"], "line 1: there is no column role"),
         ([*USERS, USERS[1]], "line 4: anna stands in the file twice"),
         ([USERS[0]], "there are no users below the first line"),
