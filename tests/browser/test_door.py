@@ -70,6 +70,7 @@ def test_a_sign_in_leads_only_into_the_panel(screens: Screens) -> None:
     for way in ("/sign-in?to=//evil.example", "/sign-out?to=/%5Cevil.example", "/enter?ticket=x&to=//evil.example"):
         answer = screen.page.context.request.get(screens.base + way, max_redirects=0)
         assert "evil" not in answer.headers.get("location", "")
+    screen.page.wait_for_selector(".sign-in")  # one of them signed out: the open page goes too
 
 
 def test_wrong_passwords_at_one_browser_lock_nobody_out_at_another(screens: Screens) -> None:
