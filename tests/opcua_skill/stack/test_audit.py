@@ -82,6 +82,7 @@ async def test_a_write_that_commands_is_recorded_and_then_told_done_or_refused(b
     async def keep(record: WriteRecord) -> None:
         records.append(record)
 
+    await bench.server.get_node(node).write_value(2.5)
     bench.server.obey_writes(node, obey)
     bench.server.iserver.on_written = keep
     try:
