@@ -58,6 +58,7 @@ TIME_STEP = 0.008
 WIDEST = 10.0
 OTHER_UNIT = 100.0
 SAME_PLACE = 0.01
+"""Part of the path by which a press may seem to lie off its place: a recording is averaged over 2 % of the drawing."""
 
 
 def learn(

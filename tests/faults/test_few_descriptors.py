@@ -7,8 +7,6 @@ import sys
 import time
 from pathlib import Path
 
-import pytest
-
 from benchmarks.start import answers
 from opcua_skill.demo.plant import free_port
 from opcua_skill.stack.transport import ROOM_FOR_FILES
@@ -16,7 +14,6 @@ from opcua_skill.stack.transport import ROOM_FOR_FILES
 LIMIT, FILES = 120.0, 96
 
 
-@pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="counts another process's open files: Linux only")
 def test_connections_never_take_the_files_that_the_server_needs(tmp_path: Path) -> None:
     port = free_port()
     serve = f"{sys.executable} -m opcua_skill.cli serve --data {tmp_path}/data --endpoint opc.tcp://127.0.0.1:{port}"

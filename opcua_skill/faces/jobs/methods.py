@@ -35,7 +35,7 @@ BITS: dict[type[Exception], tuple[Bit, ...]] = {
     ValidationError: (Bit.INVALID_REQUEST,),
 }
 SUCCESS = return_status(Bit.NO_ERROR)
-LONGEST_COMMENT = 2000
+LONGEST_COMMENT = 2000  # letters, as for the comments of our own methods
 
 Handler = Callable[..., Awaitable[tuple[Any, ...]]]
 _log = logging.getLogger(__name__)

@@ -25,7 +25,7 @@ from opcua_skill.stack.calls import Refused
 
 Found = tuple[JobOrder | None, JobReport | None]
 Tell = Callable[[Found, tuple[OrderState, str]], Awaitable[None]]
-LONGEST_ID = 128
+LONGEST_ID = 128  # letters: a UUID, a URN or an order number of any planning system; the standard names no limit
 
 
 class JobOrders:
