@@ -16,9 +16,13 @@ WINDOW = 0.04
 
 @dataclass
 class Draft:
-    """Edits not yet learned, with undo and redo. ``saved`` are those the version was learned with."""
+    """Edits not yet learned, with undo and redo, and the reason for a decision as far as it is written.
+
+    ``saved`` are the edits the version was learned with.
+    """
 
     saved: Edits
+    reason: str = ""
     _steps: list[Edits] = field(default_factory=list)
     _place: int = 0
 

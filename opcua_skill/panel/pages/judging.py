@@ -127,8 +127,8 @@ class Judging:
             .classes("w-full")
             .props('data-mark="reason"')
         )
-        # what is being written stays when the page is drawn anew
-        comment.bind_value(self.page.version, "reason")
+        # what is being written stays when the page is drawn anew, also after a lost connection
+        comment.bind_value(self.page.version.draft, "reason")
         self.refusal = ui.label().classes("check-bad small").props('data-mark="refusal"')
         unlearned = ui.label(words("Your edits are not part of this version: learn again first."))
         unlearned.classes("small check-bad").props('data-mark="unlearned"')

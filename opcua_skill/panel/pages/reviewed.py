@@ -23,7 +23,6 @@ class Version:
     material: Material
     draft: Draft
     flagged: dict[str, str] = field(default_factory=dict)
-    reason: str = ""
 
     @property
     def verdicts(self) -> Mapping[str, Mapping[str, Any]]:
