@@ -44,7 +44,8 @@ class Warps:
 
 
 def warp(reference: Floats, others: Floats, open_start: Bools | None = None, open_end: Bools | None = None) -> Warps:
-    """Return the exact warps of motions (b, m, d) to a reference (n, d) under Euclidean distance.
+    """Return the exact warps of motions (b, m, d) to a reference (n, d), or each to its own (b, n, d), under Euclidean
+    distance.
 
     ``open_start`` and ``open_end`` (b,) tell which motions may begin after the reference does or stop before it.
     """
@@ -54,9 +55,9 @@ def warp(reference: Floats, others: Floats, open_start: Bools | None = None, ope
     found: list[Warps] = []
     for low in range(0, count, BATCH):
         part = slice(low, low + BATCH)
-        references = np.broadcast_to(reference, (len(others[part]), *reference.shape))
+        references = np.broadcast_to(reference, (count, *reference.shape[-2:]))[part]
         steps, totals = _sweep(references, others[part], starts[part])
-        last = np.where(ends[part], totals.argmin(axis=1), len(reference) - 1)
+        last = np.where(ends[part], totals.argmin(axis=1), reference.shape[-2] - 1)
         found.append(_backtrack(steps, totals[np.arange(len(last)), last], last, others.shape[1]))
     return Warps(
         np.concatenate([part.positions for part in found]),

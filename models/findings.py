@@ -15,6 +15,8 @@ Code = Literal[
     "drawn-twice",
     "started-late",
     "let-go-early",
+    "began-before",
+    "went-on",
     "marker-lost",
     "other-beads",
     "paused",

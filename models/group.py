@@ -20,7 +20,7 @@ from scipy.ndimage import gaussian_filter1d
 from models.alignment import Indices, medoid, warp, warp_fast
 from models.cleaning import moving_average
 from models.demonstration import Bools, Floats
-from models.geometry import diagonal, middle, norms
+from models.geometry import diagonal, middle, norms, parted
 from models.phase import arc_lengths, at, corners
 
 MEDOID_POINTS = 64
@@ -116,10 +116,10 @@ def lay_upon_each_other(
     count, points = curves.shape[:2]
     shape = curves[reference]
     everyone = np.ones(count, dtype=bool)
-    placed = fitted_to(curves, _in_place(curves, shape), shape, np.ones((count, points)))
+    placed = fitted_to(curves, in_place(curves, shape)[1], shape, np.ones((count, points)))
     loose = warp(shape[::COARSE], placed[:, ::COARSE], everyone, everyone)
     first, last = loose.first * COARSE, loose.last * COARSE
-    late, early = _open_sides(curves, placed, shape, first, last)
+    late, early = _open_sides(curves, placed, shape, loose.costs, first, last)
     late, early = late & open_ends[0], early & open_ends[1]
     positions = _finer(loose.positions, points)
     positions[last - first < LEAST_COVER * points] = np.arange(points, dtype=np.float64)
@@ -149,17 +149,27 @@ def lay_upon_each_other(
     return Group(positions, first / (points - 1.0), last / (points - 1.0), late, early, weights)
 
 
-def _in_place(curves: Floats, shape: Floats) -> Floats:
-    """Return the positions (u, n) of curves (u, n, d) that lie nearest to the shape (n, d) along what they drew of it:
-    either where they lie, or moved to the shape's middle. Who drew a part is where the shape is, who drew elsewhere is
-    not.
+def in_place(curves: Floats, shape: Floats) -> tuple[Floats, Floats]:
+    """Return the curves (u, n, d), and their positions (u, n) along the shape (n, d), either where they lie or moved
+    to the shape's middle, as they lie nearest to it along what they drew of it.
+
+    Who drew a part is where the shape is, who drew elsewhere is not. Along a straight edge both lie as near: who is
+    shorter or longer than the shape by as much as it would have to be moved stays, but where half of that were gained.
     """
     count, points = curves.shape[:2]
-    moved = curves - curves.mean(axis=1, keepdims=True) + shape.mean(axis=0)
+    moves = shape.mean(axis=0) - curves.mean(axis=1, keepdims=True)
+    moved = curves + moves
     everyone = np.ones(2 * count, dtype=bool)
     found = warp(shape[::COARSEST], np.concatenate([curves, moved])[:, ::COARSEST], everyone, everyone)
     positions = _finer(found.positions, points)
-    return np.where((found.costs[:count] <= found.costs[count:])[:, None], positions[:count], positions[count:])
+    gained = found.costs[:count] - found.costs[count:]
+    far = norms(moves[:, 0])
+    differ = np.abs(norms(np.diff(curves, axis=1)).sum(axis=1) - norms(np.diff(shape, axis=0)).sum())
+    stays = (gained <= 0.0) | ((differ > far) & (gained < 0.5 * far))
+    return (
+        np.where(stays[:, None, None], curves, moved),
+        np.where(stays[:, None], positions[:count], positions[count:]),
+    )
 
 
 def skips(positions: Floats, points: int) -> Bools:
@@ -252,13 +262,16 @@ def mean_of(points: Floats, weights: Floats) -> Floats:
     return (share * np.where(known, points, 0.0)).sum(axis=0) / np.maximum(share.sum(axis=0), 1e-12)
 
 
-def _open_sides(curves: Floats, placed: Floats, shape: Floats, first: Indices, last: Indices) -> tuple[Bools, Bools]:
+def _open_sides(
+    curves: Floats, placed: Floats, shape: Floats, apart: Floats, first: Indices, last: Indices
+) -> tuple[Bools, Bools]:
     """Return who (u,) started late and who let go early.
 
     Someone did if the drawing's end is far from the median end, as drawn and as ``placed`` onto the shape: than 5 % of
-    the diagonal and than three times the others' usual distance; if the open warp leaves at least 2 % of the shape
-    unmatched there, and matches 30 % of it at all; and if the drawing is shorter than the whole ones, nearer to what is
-    matched than to all of it.
+    the diagonal and than three times the others' usual distance; or, as many may stop early as not, if the drawing is
+    of a group that stops where nobody else does, against how far they all are from the shape, ``apart`` (u,) in m. And
+    if the open warp leaves at least 2 % of the shape unmatched there, and matches 30 % of it at all; and if the drawing
+    is shorter than the whole ones, nearer to what is matched than to all of it.
     """
     size, most = diagonal(shape), len(shape) - 1
     missing = (first + most - last) / most
@@ -268,10 +281,13 @@ def _open_sides(curves: Floats, placed: Floats, shape: Floats, first: Indices, l
     partial = (last - first >= LEAST_COVER * len(shape)) & (lengths < (1.0 - 0.5 * missing) * usual)
     sides: list[Bools] = []
     for side, unmatched in ((0, first), (-1, most - last)):
-        far = partial & (unmatched > OPEN_PHASE * most)
+        far = np.ones(len(curves), dtype=bool)
         for values in (curves, placed):
             away = norms(values[:, side] - middle(values[:, side]))
             far &= away > max(OPEN_DISTANCE * size, OPEN_SPREAD * float(np.median(away)))
+        whole_ones = parted(-unmatched / most * usual, float(np.median(apart)))
+        far |= ~whole_ones & bool(whole_ones.any())
+        far &= partial & (unmatched > OPEN_PHASE * most)
         sides.append(far)
     return sides[0], sides[1]
 

@@ -2,11 +2,13 @@
 
 # numpy and scipy leave many results untyped: what leaves a function here is typed by its signature.
 # pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
+# pyright: reportMissingTypeStubs=false
 # pyright: reportMissingTypeStubs=false, reportAttributeAccessIssue=false
 
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from models.alignment import costs, warp
 from models.correspondence import Remark
@@ -24,6 +26,7 @@ LEAST_SHARE = 0.7
 LEAST_SIZE = 0.03
 KEPT = 0.6
 TWICE = 1.6
+AGAIN = 0.05
 COARSE = 4
 BACKWARDS = 0.5
 
@@ -31,7 +34,8 @@ BACKWARDS = 0.5
 def first_pass(curves: Floats) -> dict[int, int]:
     """Return for each curve (of u, n, d) that draws the shape more than once the sample at which the first time ends.
 
-    It is 1.6 times as long as is usual, and the usual shape fits upon its beginning alone.
+    It is 1.6 times as long as is usual, the usual shape fits upon its beginning alone, and half of the rest is near it
+    again, within 5 % of its diagonal.
     """
     count, points = curves.shape[:2]
     lengths = np.array([arc_lengths(curve)[-1] for curve in curves])
@@ -43,7 +47,9 @@ def first_pass(curves: Floats) -> dict[int, int]:
     for index in np.flatnonzero(lengths > TWICE * usual):
         part = warp(curves[index], typical[None], open_end=np.ones(1, dtype=bool))
         whole = costs(typical[None], curves[index][None])[0] / points
-        if part.last[0] < points / TWICE and part.costs[0] < 0.5 * whole:
+        rest = cKDTree(typical).query(curves[index, int(part.last[0]) :])[0]
+        again = float(np.median(rest)) < AGAIN * diagonal(typical)
+        if part.last[0] < points / TWICE and part.costs[0] < 0.5 * whole and again:
             found[int(index)] = int(part.last[0])
     return found
 

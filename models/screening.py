@@ -14,12 +14,14 @@ from models.cleaning import CleanMotion
 from models.correspondence import Correspondence, Progress, Remark
 from models.demonstration import Bools
 from models.errors import MixedDemonstrations, TooFewDemonstrations
+from models.extent import furthest_of, reaches
 from models.findings import Finding
-from models.group import Group, reference_of
+from models.group import Group
 from models.laying import Drawings, drawn, laid
 from models.loops import begun_at, starts
 from models.oddness import against_direction, first_pass, mismatch, odd_ones, two_ways
 from models.options import LearningOptions
+from models.phase import arc_lengths
 from models.placing import laid_freely
 from models.shapes import named, other_shapes
 from models.wording import drawn_elsewhere, millimetres
@@ -56,7 +58,7 @@ class Screened:
         """Lay the drawings of these rows upon each other, without those left out."""
         self.rows = [row for row in self.rows if row not in self.left_out]
         kept = self.drawings.of(self.rows)
-        self.group, self.aligned, self.judged = laid(kept, reference_of(kept.shapes), options)
+        self.group, self.aligned, self.judged = laid(kept, furthest_of(kept.shapes), options)
 
 
 def screened(motions: list[CleanMotion], options: LearningOptions, tell: Progress) -> Screened:
@@ -73,9 +75,11 @@ def screened(motions: list[CleanMotion], options: LearningOptions, tell: Progres
         drawings, in_part = _once(motions, drawings)
         drawings, turned = _from_one_start(drawings)
         findings += turned
+        drawings, past = _no_further(drawings)
+        in_part |= past
     if options.place == "free":
         drawings = drawn(laid_freely(list(drawings.motions), drawings.curves), _beads(drawings, beads))
-    typical = reference_of(drawings.shapes)
+    typical = furthest_of(drawings.shapes)
     names, left_out = [motion.demonstration_id for motion in motions], dict[int, Remark]()
     others = other_shapes(names, drawings.shapes)
     if options.reject_outliers:
@@ -85,7 +89,7 @@ def screened(motions: list[CleanMotion], options: LearningOptions, tell: Progres
             left_out[index] = Remark(words, code="opposite-direction")
     rows = [row for row in range(len(motions)) if row not in left_out]
     kept = drawings.of(rows)
-    group, aligned, judged = laid(kept, reference_of(kept.shapes) if left_out else typical, options)
+    group, aligned, judged = laid(kept, furthest_of(kept.shapes) if left_out else typical, options)
     found = Screened(drawings, who, rows, group, aligned, judged, left_out, in_part, lacking, findings)
     tell(0.5, "aligning")
     _without_odd_ones(found, options, tell)
@@ -115,6 +119,30 @@ def _once(motions: list[CleanMotion], drawings: Drawings) -> tuple[Drawings, dic
     words = "drawn more than once: the first time is used"
     beads: list[Beads] = [((0, len(motion.times) - 1),) for motion in motions]
     return drawn(motions, beads), {index: Remark(words, code="drawn-twice") for index in repeated}
+
+
+def _no_further(drawings: Drawings) -> tuple[Drawings, dict[int, Remark]]:
+    """Return the drawings, without what too few drew before the others begin and after they end."""
+    before, after = (reach.too_far for reach in reaches(drawings.curves, furthest_of(drawings.curves)))
+    rows = np.flatnonzero((before > 0.0) | (after > 0.0))
+    if not len(rows):
+        return drawings, {}
+    motions, found = list(drawings.motions), dict[int, Remark]()
+    most = drawings.places.shape[1] - 1
+    for row in rows:
+        way = float(arc_lengths(drawings.curves[row])[-1])
+        kept = np.array([before[row] / way, 1.0 - after[row] / way]) * most
+        first, last = np.interp(kept, np.arange(most + 1), drawings.places[row])
+        motions[row] = between_samples(motions[row], int(first), max(int(first) + 3, int(np.ceil(last))))
+        words: list[str] = []
+        if before[row]:
+            words.append(f"began {millimetres(before[row])} mm before the others: used from where they begin")
+        if after[row]:
+            words.append(f"went on {millimetres(after[row])} mm past where the others end: used up to there")
+        place, code = (0.0, "began-before") if before[row] else (1.0, "went-on")
+        found[int(row)] = Remark(" and ".join(words), place, float(max(before[row], after[row])), code)
+    beads: list[Beads] = [((0, len(motion.times) - 1),) for motion in motions]
+    return drawn(motions, beads), found
 
 
 def _from_one_start(drawings: Drawings) -> tuple[Drawings, list[Finding]]:
@@ -231,11 +259,11 @@ def _tell_parts(found: Screened) -> None:
         words = f"at {place:.2f} of the path the marker of {count - voices[fewest]} of {count} was lost: check it there"
         found.findings.append(Finding("common-gap", words, place, None, tuple(sorted(lost))))
     drawn_by = count - int(group.late.sum())
-    if drawn_by < (1.0 - GUESSED) * count:
+    if drawn_by <= (1.0 - GUESSED) * count:
         words = f"the start of the path is drawn by {drawn_by} of {count} only: check it"
         found.findings.append(Finding("start-guessed", words, 0.0, None, _people(found, group.late)))
     drawn_by = count - int(group.early.sum())
-    if drawn_by < (1.0 - GUESSED) * count:
+    if drawn_by <= (1.0 - GUESSED) * count:
         words = f"the end of the path is drawn by {drawn_by} of {count} only: check it"
         found.findings.append(Finding("end-guessed", words, 1.0, None, _people(found, group.early)))
 

@@ -22,6 +22,12 @@ LEARNING = {
     ),
     "started at {n} of the path: used from there": "begann bei {n} der Bahn: ab dort verwendet",
     "let go at {n} of the path: used up to there": "losgelassen bei {n} der Bahn: bis dort verwendet",
+    "began {n} mm before the others: used from where they begin": (
+        "begann {n} mm vor den anderen: ab dort verwendet, wo sie beginnen"
+    ),
+    "went on {n} mm past where the others end: used up to there": (
+        "ging {n} mm weiter als bis dort, wo die anderen enden: bis dort verwendet"
+    ),
     "{n} mm": "{n} mm",
     "went over {t} again at {n2} of the path": "fuhr {t} noch einmal, bei {n2} der Bahn",
     "took a way around at {n} of the path: {t} long, {t2} away": (
