@@ -16,6 +16,7 @@ from models.demonstration import Bools, Demonstration, Floats
 from models.despiking import reflections
 from models.errors import UnusableDemonstration
 from models.geometry import diagonal, middle, norms, ranked, usual_size
+from models.resting import waiting, without
 
 LEAST_SAMPLES = 4
 MOST_SAMPLES = 20_000
@@ -82,9 +83,9 @@ def check(demonstration: Demonstration) -> None:
 def clean(demonstration: Demonstration, struck: frozenset[int], filter_window: float, despiking: bool) -> CleanMotion:
     """Return the recording bridged and smoothed by a moving average of ``filter_window`` s.
 
-    With ``despiking`` reflections are taken out first, recordings of more samples than ten to 2 % of the drawing are
-    thinned by middles, and the filter is never longer than the hand needs for 2 % of the drawing (zero: just so long),
-    so that fast people keep their corners.
+    With ``despiking`` rests longer than the task are taken out of the clock until the end, reflections are taken out,
+    recordings of more samples than ten to 2 % of the drawing are thinned by middles, and the filter is never longer
+    than the hand needs for 2 % of the drawing (zero: just so long), so that fast people keep their corners.
     """
     check(demonstration)
     times = demonstration.times - demonstration.times[0]
@@ -95,6 +96,13 @@ def clean(demonstration: Demonstration, struck: frozenset[int], filter_window: f
     if len(kept) < LEAST_SAMPLES:
         raise UnusableDemonstration("fewer than four samples are left after striking: include some again")
     seen, places = times[kept], _rows(points, usable)
+    clock = seen
+    if despiking:
+        waits = waiting(seen, places)
+        if waits.any():
+            kept, places = kept[~waits], _rows(places, ~waits)
+            clock, seen = seen[~waits], without(seen, waits)
+    moving = seen
     step = float(ranked(np.diff(seen), 0.5))
     if despiking:
         size = usual_size(_some(places))
@@ -111,7 +119,7 @@ def clean(demonstration: Demonstration, struck: frozenset[int], filter_window: f
     count = max(LEAST_SAMPLES, round((seen[-1] - seen[0]) / step) + 1)
     grid = np.linspace(seen[0], seen[-1], min(count, MOST_SAMPLES))
     even = _resampled(seen, places, grid)
-    triggers = demonstration.triggers[_nearest(times, grid)]
+    triggers = demonstration.triggers[_nearest(times, np.interp(grid, moving, clock))]
     size, parts = diagonal(even), [slice(None)]
     if despiking:
         parts = _presses(triggers)
@@ -126,6 +134,11 @@ def clean(demonstration: Demonstration, struck: frozenset[int], filter_window: f
         raise UnusableDemonstration(
             "nothing moves further than 1 mm but for reflections and trembling: record it again"
         )
+    if clock is not moving:  # the rests are put back: the hand stands still meanwhile
+        count = min(max(len(grid), round((clock[-1] - clock[0]) / step) + 1), MOST_SAMPLES)
+        whole = np.linspace(clock[0], clock[-1], count)
+        smooth = _resampled(grid, smooth, np.interp(whole, clock, moving))
+        seen, grid, triggers = np.interp(seen, moving, clock), whole, demonstration.triggers[_nearest(times, whole)]
     known, gap = _without_gaps(seen, places, grid)
     return CleanMotion(
         demonstration.demonstration_id,

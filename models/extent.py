@@ -48,9 +48,8 @@ def reaches(curves: Floats, typical: int) -> tuple[Reach, Reach]:
 
     A curve goes past the typical one by what that one, warped onto it with open ends, leaves unmatched of it, if it is
     longer by half of that at least; and stops short by what it leaves unmatched of the typical one, if it is shorter.
-    Who ends where the typical one does, does neither. Who goes further, and what is not the same place, is asked against
-    how far the curves are from each other where they are matched; where the groups are less than 2 % of the way apart
-    nobody goes further.
+    Who ends in the same place does neither. Who goes further, and what is the same place, is asked against how far the
+    curves are from each other where they are matched; where the groups are less than 2 % of the way apart nobody does.
     """
     count = len(curves)
     coarse = in_place(curves, curves[typical])[0][:, ::COARSEST]
