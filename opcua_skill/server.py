@@ -66,6 +66,7 @@ from sim.gate import LOWEST_OVERRIDE
 
 if TYPE_CHECKING:
     from opcua_skill.faces.jobs.nodes import JobFace
+    from opcua_skill.faces.machinery.nodes import MachineryFace
 
 SHOW_STATE_EVERY = 0.1
 MENTION_REFUSALS_EVERY = 1.0
@@ -85,6 +86,7 @@ class _Face:
     skills: SkillNodes
     recorder: RecorderNodes
     jobs: "JobFace | None" = None
+    machinery: "MachineryFace | None" = None
     shown: ArmState | None = None
     shown_lock: tuple[bool, str] = (False, "")
 
@@ -285,6 +287,13 @@ class SkillServerApp:
             self._faces[name].jobs = jobs
             self._tidings.on_job.append(jobs.job_changed)
             self._tidings.on_deployment.append(jobs.deployment_changed)
+        if "machinery" in self.settings.faces:
+            from opcua_skill.faces.machinery.nodes import MachineryFace
+
+            machinery = MachineryFace(self._tree, station)
+            await machinery.add()
+            self._faces[name].machinery = machinery
+            self._tidings.on_job.append(machinery.job_changed)
 
         async def set_override(value: Any) -> None:
             try:
@@ -369,6 +378,9 @@ class SkillServerApp:
             jobs = self._faces[workstation].jobs
             if jobs is not None:
                 await jobs.orders.show()
+            machinery = self._faces[workstation].machinery
+            if machinery is not None:
+                await machinery.show()
 
     async def _version_changed(self, description: SkillDescription, actor: str, comment: str) -> None:
         await self._tidings.version_changed(description, actor, comment)
@@ -400,6 +412,8 @@ class SkillServerApp:
             for name, face in self._faces.items():
                 try:
                     await self._show_arm(name, face)
+                    if face.machinery is not None:
+                        await face.machinery.show()
                     await self._show_lock(face)
                     await face.recorder.show()
                 except Exception:

@@ -175,8 +175,10 @@ class Settings(BaseSettings):
     workstations: tuple[Workstation, ...] = Field(
         default=(Workstation(),), min_length=1, description="the workstations served"
     )
-    faces: tuple[Literal["jobs"], ...] = Field(
-        default=(), description="companion specifications shown beside our own nodes: jobs is OPC 40001-3 with 10031-4"
+    faces: tuple[Literal["jobs", "machinery"], ...] = Field(
+        default=(),
+        description="companion specifications shown beside our own nodes: jobs is OPC 40001-3 with 10031-4, machinery "
+        "the states of OPC 40001-1",
     )
     limits: Limits = Field(default=Limits(), description="limits of one request")
     learning: Learning = Field(default=Learning(), description="the learning workers")

@@ -25,7 +25,7 @@ MACHINERY_JOBS = "http://opcfoundation.org/UA/Machinery/Jobs/"
 MODEL = "http://opcfoundation.org/UA/2011/03/UANodeSet.xsd"
 BYTE = "i=3"
 NEEDED = ("di", "ia", "machinery")
-OF_FACES = {"jobs": ("isa95_jobcontrol_v2", "machinery_jobs")}
+OF_FACES: dict[str, tuple[str, ...]] = {"jobs": ("isa95_jobcontrol_v2", "machinery_jobs"), "machinery": ()}
 """What a face is built from, beyond what every server has."""
 # References of which the target need not know (OPC 10000-3 and 10000-5), as asyncua's importer has them.
 ONE_WAY = frozenset(

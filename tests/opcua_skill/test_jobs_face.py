@@ -12,6 +12,8 @@ from asyncua import Client, Node, ua
 from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
 from small_corner import small_corner
 
+from opcua_skill.client import Refused
+
 if TYPE_CHECKING:
     from tests.conftest import Plant
 
@@ -27,7 +29,9 @@ pytestmark = pytest.mark.asyncio(loop_scope="module")
 @pytest.fixture(scope="module")
 def plant(make_plant: Callable[..., "Plant"]) -> "Plant":
     """A plant with the face of jobs, and an arm that takes its time."""
-    return make_plant('faces = ["jobs"]\n[[workstations]]\nname = "ws1"\ndriver = "kinematic"\nrealtime = true\n')
+    return make_plant(
+        'faces = ["jobs", "machinery"]\n[[workstations]]\nname = "ws1"\ndriver = "kinematic"\nrealtime = true\n'
+    )
 
 
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
@@ -231,3 +235,62 @@ async def test_the_execution_mode_is_honoured(plant: "Plant", deployed: None) ->
         assert listed["m2"] == ["AllowedToStart", "Waiting"] and "m1" not in listed
         assert await mes.steer("Abort", "m2") == DONE
         await mes.until("m2", "Aborted")
+
+
+@dataclass
+class States:
+    """What the two state machines of a machine have told of: the transitions, by the state machine's name."""
+
+    told: list[tuple[str, str, str]] = field(default_factory=list)
+
+    def event_notification(self, event: Any) -> None:
+        self.told.append((event.SourceName, event.FromState.Text, event.ToState.Text))
+
+    async def until(self, *transition: str) -> None:
+        async with asyncio.timeout(LIMIT):
+            while transition not in self.told:
+                await asyncio.sleep(0.02)
+
+
+async def test_the_machine_tells_its_state_and_operation_mode(plant: "Plant", deployed: None) -> None:
+    async with signed_in(plant) as mes, plant.sign_in("mes") as ours:
+        machinery = mes.index[MACHINERY]
+        machines = await mes.client.nodes.objects.get_child(f"{machinery}:Machines")
+        [machine] = [one for one in await machines.get_children() if (await one.read_browse_name()).Name == "ws1"]
+        blocks = await machine.get_child(f"{machinery}:MachineryBuildingBlocks")
+        state = await blocks.get_child(f"{machinery}:MachineryItemState")
+        mode = await blocks.get_child(f"{machinery}:MachineryOperationMode")
+        assert await state.read_type_definition() == ua.NodeId(1002, machinery)
+        assert await mode.read_type_definition() == ua.NodeId(1008, machinery)
+        states = States()
+        subscription = await mes.client.create_subscription(50, states)
+        await subscription.subscribe_events(machine, ua.ObjectIds.TransitionEventType)
+        ws1 = ours.workstation("ws1")
+        if (await (await mode.get_child("0:CurrentState")).read_value()).Text == "Setup":
+            try:
+                await ws1.release_queue("nothing lies on the table")
+            except Refused:
+                await ws1.go_home()
+                await states.until("MachineryItemState", "Executing", "NotExecuting")
+                await ws1.release_queue("nothing lies on the table")
+            await states.until("MachineryOperationMode", "Setup", "Processing")
+        states.told.clear()
+        assert await mes.order("StoreAndStart", an_order("state-1")) == DONE
+        await states.until("MachineryItemState", "NotExecuting", "Executing")
+        assert (await (await mode.get_child("0:CurrentState")).read_value()).Text == "Processing"
+        assert await mes.steer("Pause", "state-1") == DONE
+        await states.until("MachineryItemState", "Executing", "NotExecuting")
+        current = await state.get_child("0:CurrentState")
+        assert (await current.read_value()).Text == "NotExecuting"
+        told = await (await current.get_child("0:Id")).read_value()
+        assert (await mes.client.get_node(told).read_browse_name()).Name == "NotExecuting"
+        assert await (await current.get_child("0:Number")).read_value() == 2
+        last = await state.get_child("0:LastTransition")
+        assert (await last.read_value()).Text == "FromExecutingToNotExecuting"
+        assert await (await last.get_child("0:Number")).read_value() == 8
+        assert await mes.steer("Abort", "state-1") == DONE
+        await states.until("MachineryOperationMode", "Processing", "Setup")
+        await ws1.protective_stop("a hand is in the cell")
+        await states.until("MachineryItemState", "NotExecuting", "OutOfService")
+        await states.until("MachineryOperationMode", "Setup", "None")
+        await subscription.delete()

@@ -10,6 +10,7 @@ from library.description import JobReport, SkillDescription
 from library.errors import NotFound
 from library.store import SkillLibrary
 from opcua_skill.arm_lock import ArmLock
+from opcua_skill.faces.blocks import building_blocks
 from opcua_skill.faces.jobs.methods import ControlMethods, ResultMethods
 from opcua_skill.faces.jobs.orders import Found, JobOrders
 from opcua_skill.faces.jobs.parameters import parameters_of
@@ -17,7 +18,7 @@ from opcua_skill.faces.jobs.states import STATE_NAMES, OrderState
 from opcua_skill.faces.jobs.structures import ORDER, ORDER_AND_STATE, RESPONSE, STATE, WORK_MASTER, Structures
 from opcua_skill.jobs import JobEngine, Station
 from opcua_skill.nodes.library import OPERATORS, READERS, method
-from opcua_skill.nodes.nodesets import ISA95, MACHINERY, MACHINERY_JOBS
+from opcua_skill.nodes.nodesets import ISA95, MACHINERY_JOBS
 from opcua_skill.nodes.tree import Tree, standard, texts
 from opcua_skill.stack.calls import Argument, MethodSpec, add_method
 from opcua_skill.stack.events import make_notifier
@@ -47,13 +48,7 @@ class JobFace:
         """Add the nodes, and show what was ordered before the server's last end."""
         tree, path = self._tree, self._path
         machine = tree.id(f"Machines/{self._workstation}")
-        blocks = tree.object(
-            path.rsplit("/", 1)[0],
-            machine,
-            name=tree.name("MachineryBuildingBlocks", MACHINERY),
-            type_definition=standard(ObjectIds.FolderType),
-            description="what this machine offers in the words of OPC 40001",
-        )
+        blocks = building_blocks(tree, self._workstation)
         management = tree.object(
             path,
             blocks,
