@@ -23,6 +23,8 @@ MACHINERY = "http://opcfoundation.org/UA/Machinery/"
 ISA95 = "http://opcfoundation.org/UA/ISA95-JOBCONTROL_V2/"
 MACHINERY_JOBS = "http://opcfoundation.org/UA/Machinery/Jobs/"
 MODEL = "http://opcfoundation.org/UA/2011/03/UANodeSet.xsd"
+ENCODED = "http://opcfoundation.org/UA/2008/02/Types.xsd"
+WHOLE = f"{{{ENCODED}}}ExtensionObject"
 BYTE = "i=3"
 NEEDED = ("di", "ia", "machinery")
 OF_FACES: dict[str, tuple[str, ...]] = {"jobs": ("isa95_jobcontrol_v2", "machinery_jobs"), "machinery": ()}
@@ -60,7 +62,8 @@ def node_set(name: str) -> str:
 
     DI marks nine nodes ``DesignToolOnly``; they have no parent, and a server must not offer them: dropped here. So are
     the definitions of option sets on a Byte, of which asyncua's importer can make no class: the type stays, its bits
-    are told by its OptionSetValues.
+    are told by its OptionSetValues. And the initial values of types that have a structure in a field which allows
+    subtypes: there it stands with its TypeId, which the importer takes for a field. No instance has such a value.
     """
     bundle = files("o6_nodeset_compiler") / "bundle"
     manifest = json.loads((bundle / "manifest.json").read_text(encoding="utf-8"))
@@ -80,6 +83,9 @@ def node_set(name: str) -> str:
         definition = node.find(f"{{{MODEL}}}Definition")
         if definition is not None and definition.get("IsOptionSet") == "true" and _base(node) == BYTE:
             node.remove(definition)
+        value = node.find(f"{{{MODEL}}}Value")
+        if value is not None and len(list(value.iter(f"{{{ENCODED}}}TypeId"))) > len(list(value.iter(WHOLE))):
+            node.remove(value)
     return ElementTree.tostring(root, encoding="unicode")
 
 
