@@ -3,7 +3,7 @@
 import asyncio
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -104,6 +104,17 @@ def an_order(order_id: str, master: str = "glue@1", **said: ua.Variant) -> Any:
     )
 
 
+def nothing(kind: Any) -> Any:
+    """Return a structure of which every field that may be null is null."""
+    return kind(**{one.name: None for one in fields(kind) if one.name not in {"Encoding", "Value"}})
+
+
+def with_parameter(order_id: str, parameter: Any) -> Any:
+    order = an_order(order_id)
+    order.JobOrderParameters = [parameter]
+    return order
+
+
 @asynccontextmanager
 async def signed_in(plant: "Plant") -> AsyncIterator[Mes]:
     client = Client(plant.url, timeout=30, watchdog_intervall=15.0)
@@ -175,18 +186,28 @@ async def test_an_order_is_stored_started_followed_paused_resumed_and_answered(p
 
 async def test_what_nobody_could_obey_is_refused_and_not_stored(plant: "Plant", deployed: None) -> None:
     double = ua.VariantType.Double
+    kinds: Any = ua
+    unknown = 1 << 4 | 1 << 37
     async with signed_in(plant) as mes:
         for order, bits in (
-            (an_order("r1", "nothing@1"), 1 << 4 | 1 << 37),
-            (an_order("r0", "glue@99999999999999999999"), 1 << 4 | 1 << 37),
+            (an_order("r1", "nothing@1"), unknown),
+            (an_order("r0", "glue@99999999999999999999"), unknown),
             (an_order("r2", Colour=ua.Variant("red")), 1 << 32),
             (an_order("r3", SpeedOverride=ua.Variant(7.0, double)), 1 << 32),
             (an_order("r4", RunsPlanned=ua.Variant(3, ua.VariantType.UInt32)), 1 << 32),
-            (an_order("r5", RecipeId=ua.Variant("none")), 1 << 4 | 1 << 37),
+            (an_order("r5", RecipeId=ua.Variant("none")), unknown),
             (an_order(""), 1 << 32),
+            (kinds.ISA95JobOrderDataType(), 1 << 32),
+            (kinds.ISA95JobOrderDataType(JobOrderID="r6"), 1 << 32),
+            (
+                kinds.ISA95JobOrderDataType(JobOrderID="r7", WorkMasterID=[nothing(kinds.ISA95WorkMasterDataType)]),
+                unknown,
+            ),
+            (with_parameter("r8", nothing(kinds.ISA95ParameterDataType)), 1 << 32),
+            (with_parameter("r9", kinds.ISA95ParameterDataType(ID="SpeedOverride", Value=ua.Variant())), 1 << 32),
         ):
             assert await mes.order("StoreAndStart", order) == bits, order
-        assert not {"r0", "r1", "r2", "r3", "r4", "r5", ""} & set(await mes.listed())
+        assert not {"r0", "r1", "r2", "r3", "r4", "r5", "r6", "r7", "r8", "r9", ""} & set(await mes.listed())
 
 
 async def test_orders_and_the_held_queue_outlive_a_kill(plant: "Plant", deployed: None) -> None:

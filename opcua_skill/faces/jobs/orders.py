@@ -207,7 +207,7 @@ class JobOrders:
 
     async def _taken(self, content: Any) -> bool:
         """Store an order unless it is stored already with the same content; return whether it is new."""
-        order_id = check_text(content.JobOrderID, "JobOrderID", LONGEST_ID)
+        order_id = check_text(content.JobOrderID or "", "JobOrderID", LONGEST_ID)
         if not order_id:
             raise OrderRefused("JobOrderID is empty", Bit.INVALID_REQUEST)
         encoded = self._structures.encode(content)
@@ -235,19 +235,20 @@ class JobOrders:
 
     async def _wanted(self, content: Any) -> tuple[Wanted, int]:
         """Return what an order asks for, and of which version (0: whichever is deployed)."""
-        masters = content.WorkMasterID or []
+        masters = _present(content.WorkMasterID)
         if len(masters) != 1:
             raise OrderRefused(f"{len(masters)} work masters are named: it has to be one", Bit.INVALID_REQUEST)
-        name, _, version = masters[0].ID.rpartition("@")
+        master = masters[0].ID or ""
+        name, _, version = master.rpartition("@")
         number = int(version) if name and version.isascii() and version.isdigit() and len(version) < 10 else 0
-        name = name if number else masters[0].ID
+        name = name if number else master
         description = await self._library.description(name, number)
-        places = {one.ID for one in content.EquipmentRequirements or []} - {self._station.name}
+        places = {one.ID or "" for one in _present(content.EquipmentRequirements)} - {self._station.name}
         if places:
             told = f"{', '.join(sorted(places))}: an order's equipment is {self._station.name}"
             raise OrderRefused(told, Bit.UNABLE, Bit.INVALID_REQUEST)
-        said = [*(masters[0].Parameters or []), *(content.JobOrderParameters or [])]
-        given = {one.ID: one.Value.Value for one in said}
+        said = [*_present(masters[0].Parameters), *_present(content.JobOrderParameters)]
+        given = {one.ID or "": one.Value.Value if one.Value is not None else None for one in said}
         return read(description.name, given, description), number
 
     async def _begin(self, order_id: str, content: Any) -> None:
@@ -355,3 +356,8 @@ def _id_of(found: Found) -> str:
 
 def _as_utc(moment: datetime) -> datetime:
     return moment.replace(tzinfo=UTC) if moment.tzinfo is None else moment
+
+
+def _present(structures: list[Any] | None) -> list[Any]:
+    """Return the structures of an array that may be null, as may any of them."""
+    return [one for one in structures or [] if one is not None]
