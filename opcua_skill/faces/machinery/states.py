@@ -25,4 +25,4 @@ def operation_mode(arm: ArmState, running: JobReport | None, *, held: bool) -> s
         return "None"
     if running is not None:
         return "Setup" if running.mode == "test" else "Processing"
-    return "Setup" if held or arm.mode in MOVING else "Processing"
+    return "Setup" if held else "Processing"
