@@ -18,7 +18,10 @@ if TYPE_CHECKING:
     from tests.conftest import Plant
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
-ANSWER_WITHIN, TOLD_WITHIN, GONE_WITHIN = 8.0, 10.0, 30.0  # a busy machine; on an idle one 3.2 s, 1.5 s and 1.5 s
+ANSWER_WITHIN, TOLD_WITHIN, GONE_WITHIN = 20.0, 20.0, 60.0
+"""In s, on a busy machine; on an idle one 3.2, 1.5 and 1.5. Who waits for the lock itself waits for 30 s."""
+STOPS_WITHIN = 5.0
+"""In s, on a busy machine; on an idle one 0.02."""
 
 
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
@@ -81,7 +84,7 @@ async def test_while_the_database_is_locked_calls_are_void_and_all_else_goes_on(
         assert time.monotonic() - asked < ANSWER_WITHIN, "who signs in waits for the lock"
         asked = time.monotonic()
         await station.protective_stop("light curtain")
-        assert time.monotonic() - asked < 2.0
+        assert time.monotonic() - asked < STOPS_WITHIN
     await until_service(engineer, lambda _, kinds: kinds == ["ArmWaiting"], GONE_WITHIN)
     await station.reset("curtain is clear")
     await until_service(engineer, lambda level, kinds: level == 255 and not kinds, GONE_WITHIN)

@@ -75,6 +75,10 @@ class Users:
         self.rows = [Row(r.name, r.role, password_hash if r.name == name else r.password_hash) for r in self.rows]
 
 
+PATIENT = Limits(hello_timeout=60.0)
+"""A loaded machine may let server and client, one process here, wait for each other longer than for a stranger."""
+
+
 @dataclass
 class Bench:
     """A running server, its records of calls, and what a client needs to connect."""
@@ -193,7 +197,7 @@ async def small_server(
 
     security = SecuritySettings(folder / "server", endpoint="opc.tcp://127.0.0.1:0/test", **settings)
     authenticator = Authenticator(users)
-    server = SkillServer(authenticator, security, on_call=on_call, limits=limits)
+    server = SkillServer(authenticator, security, on_call=on_call, limits=limits or PATIENT)
     await server.init()
     index, cell = await add_cell(server)
     if trust_client:
