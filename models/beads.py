@@ -14,10 +14,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from models.cleaning import LEAST_SAMPLES, SHORTEST_MOTION, CleanMotion
+from models.cleaning import LEAST_SAMPLES, SHORTEST_MOTION, CleanMotion, travelled
 from models.correspondence import Remark
 from models.geometry import diagonal
-from models.phase import arc_lengths, travelled
+from models.phase import arc_lengths
 
 MAJORITY = 0.6
 CHATTER = 0.02

@@ -16,6 +16,7 @@ from models.demonstration import Bools, Demonstration, Floats
 from models.despiking import reflections
 from models.errors import UnusableDemonstration
 from models.geometry import diagonal, middle, norms, ranked, usual_size
+from models.phase import arc_lengths, edges
 from models.resting import waiting, without
 
 LEAST_SAMPLES = 4
@@ -28,6 +29,10 @@ FINEST_STEP = 0.1
 STRIDES = 128
 QUICKEST = 0.15
 THROWN = 3.0
+TURNS = 512
+OF_EDGE = 0.25
+RESTING = 0.1
+LENGTH_WINDOW = 2.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,7 +90,8 @@ def clean(demonstration: Demonstration, struck: frozenset[int], filter_window: f
 
     With ``despiking`` rests longer than the task are taken out of the clock until the end, reflections are taken out,
     recordings of more samples than ten to 2 % of the drawing are thinned by middles, and the filter is never longer
-    than the hand needs for 2 % of the drawing (zero: just so long), so that fast people keep their corners.
+    than the hand needs for 2 % of the drawing (zero: just so long), nor for a quarter of an edge, so that fast people
+    keep their corners, and weaves their width.
     """
     check(demonstration)
     times = demonstration.times - demonstration.times[0]
@@ -130,6 +136,9 @@ def clean(demonstration: Demonstration, struck: frozenset[int], filter_window: f
         filter_window = min(filter_window or crossing, crossing)
     window = round(filter_window * (len(grid) - 1) / (grid[-1] - grid[0]))
     smooth = np.concatenate([moving_average(even[part], window) for part in parts])
+    if despiking and (shorter := _of_an_edge(smooth, size)) < 1.0:
+        window = round(shorter * window)
+        smooth = np.concatenate([moving_average(even[part], window) for part in parts])
     if diagonal(smooth) < SHORTEST_MOTION:
         raise UnusableDemonstration(
             "nothing moves further than 1 mm but for reflections and trembling: record it again"
@@ -151,6 +160,23 @@ def clean(demonstration: Demonstration, struck: frozenset[int], filter_window: f
         gap,
         crossing,
     )
+
+
+def travelled(motion: CleanMotion) -> Floats:
+    """Return how much of its way a motion has gone at each of its samples: (n,), from 0 to 1, rising.
+
+    Trembling at rest is no way: speeds under a tenth of the median hardly count.
+    """
+    step = float(motion.times[1] - motion.times[0])
+    smooth = moving_average(motion.points, round(LENGTH_WINDOW * motion.crossing / step))
+    lengths = norms(np.diff(smooth, axis=0))
+    moving = lengths[lengths > 0]
+    if not len(moving):
+        return np.linspace(0.0, 1.0, len(motion.times))
+    least = RESTING * float(ranked(moving, 0.5))
+    counted = np.where(lengths > least, lengths, 1e-3 * lengths) + 1e-9 * float(lengths.sum()) / len(lengths)
+    way = np.concatenate([[0.0], np.cumsum(counted)])
+    return way / way[-1]
 
 
 def _presses(triggers: Bools) -> list[slice]:
@@ -264,6 +290,21 @@ def _crossing(times: Floats, points: Floats, size: float) -> float:
     usual = float(paces[int(np.searchsorted(gone, 0.5 * gone[-1]))])
     longest = CROSSED * float(times[-1] - times[0])
     return min(CROSSED * size / usual, longest) if usual > 0 else longest
+
+
+def _of_an_edge(points: Floats, size: float) -> float:
+    """Return a quarter of an edge of the drawing (n, d), in parts of what is averaged, 2 % of its size; 1 where it
+    turns too little for edges half as short as that.
+    """
+    moves = np.diff(_some(points), axis=0)
+    lengths = norms(moves)
+    moving = lengths > RESTING * float(lengths.mean())
+    ahead = moves[moving] / lengths[moving][:, None]
+    most = OF_EDGE * float(lengths.sum()) / (CROSSED * size)
+    if float(norms(np.diff(ahead, axis=0)).sum()) < 2.0 * most:
+        return 1.0
+    some = points[:: max(1, len(points) // TURNS)]
+    return min(1.0, OF_EDGE * float(arc_lengths(some)[-1]) / (edges(some) * CROSSED * size))
 
 
 def _resampled(times: Floats, values: Floats, grid: Floats) -> Floats:

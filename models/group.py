@@ -21,7 +21,7 @@ from models.alignment import Indices, medoid, warp, warp_fast
 from models.cleaning import moving_average
 from models.demonstration import Bools, Floats
 from models.geometry import diagonal, middle, norms, parted
-from models.phase import arc_lengths, at, corners
+from models.phase import arc_lengths, at, corners, edges
 
 MEDOID_POINTS = 64
 MEDOID_CANDIDATES = 24
@@ -124,11 +124,12 @@ def lay_upon_each_other(
     positions = _finer(loose.positions, points)
     positions[last - first < LEAST_COVER * points] = np.arange(points, dtype=np.float64)
     weights = _fading(first, last, late, early, points)
+    told = _direction_weight(shape)
     for turn in range(ROUNDS):
         size = diagonal(shape)
         fitted = fitted_to(curves, positions, shape, weights)
-        features = np.concatenate([fitted / size, DIRECTION_WEIGHT * directions(fitted)], axis=2)
-        target = np.concatenate([shape / size, DIRECTION_WEIGHT * directions(shape)], axis=1)
+        features = np.concatenate([fitted / size, told * directions(fitted)], axis=2)
+        target = np.concatenate([shape / size, told * directions(shape)], axis=1)
         last_turn = turn == ROUNDS - 1
         if method == "fastdtw" and last_turn:
             positions = np.stack([warp_fast(target, feature, radius) for feature in features])
@@ -147,6 +148,13 @@ def lay_upon_each_other(
         shape = mean_of(points_there, weights)
         positions = _by_length(positions, shape, _straightness(points_there, shape))
     return Group(positions, first / (points - 1.0), last / (points - 1.0), late, early, weights)
+
+
+def _direction_weight(shape: Floats) -> float:
+    """Return how much a unit of direction counts against one of place, in parts of the shape's (n, d) diagonal: 0.3,
+    but no more than a place two edges away. In a weave of many small turns it would lay one turn upon the next.
+    """
+    return min(DIRECTION_WEIGHT, 2.0 * float(arc_lengths(shape)[-1]) / (edges(shape) * diagonal(shape)))
 
 
 def in_place(curves: Floats, shape: Floats) -> tuple[Floats, Floats]:

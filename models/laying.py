@@ -16,7 +16,7 @@ from models.demonstration import Bools, Floats
 from models.geometry import diagonal
 from models.group import Group, lay_upon_each_other, mean_of, some_of, taken
 from models.options import LearningOptions
-from models.phase import arc_lengths, at, corners
+from models.phase import arc_lengths, at, edges
 from models.tips import laid_at_tips, sharp_corners
 
 POINTS = 256
@@ -24,7 +24,6 @@ PER_EDGE = 20
 MOST = 1024
 LEAST = 32
 COUNTED = 5
-CORNER = 0.02
 DOT = 0.02
 CLOCK_POINTS = 300
 
@@ -67,10 +66,10 @@ def drawn(motions: Sequence[CleanMotion], beads: Sequence[Beads]) -> Drawings:
     total = sum(ways)
     coarse = _sampled(motions, beads, _split(ways, total, POINTS))
     some = coarse.curves[some_of(coarse.curves, COUNTED)]
-    edges = float(np.median([len(corners(curve, CORNER * diagonal(curve))) - 1 for curve in some]))
-    if edges * PER_EDGE <= POINTS:
+    most = float(np.median([edges(curve) for curve in some]))
+    if most * PER_EDGE <= POINTS:
         return coarse
-    return _sampled(motions, beads, _split(ways, total, 4 * round(0.25 * min(MOST, edges * PER_EDGE))))
+    return _sampled(motions, beads, _split(ways, total, 4 * round(0.25 * min(MOST, most * PER_EDGE))))
 
 
 def _split(ways: Sequence[float], total: float, points: int) -> tuple[int, ...]:

@@ -6,29 +6,10 @@
 
 import numpy as np
 
-from models.cleaning import CleanMotion, moving_average
 from models.demonstration import Floats
-from models.geometry import norms, ranked
+from models.geometry import diagonal, norms
 
-RESTING = 0.1
-LENGTH_WINDOW = 2.0
-
-
-def travelled(motion: CleanMotion) -> Floats:
-    """Return how much of its way a motion has gone at each of its samples: (n,), from 0 to 1, rising.
-
-    Trembling at rest is no way: speeds under a tenth of the median hardly count.
-    """
-    step = float(motion.times[1] - motion.times[0])
-    smooth = moving_average(motion.points, round(LENGTH_WINDOW * motion.crossing / step))
-    lengths = norms(np.diff(smooth, axis=0))
-    moving = lengths[lengths > 0]
-    if not len(moving):
-        return np.linspace(0.0, 1.0, len(motion.times))
-    least = RESTING * float(ranked(moving, 0.5))
-    counted = np.where(lengths > least, lengths, 1e-3 * lengths) + 1e-9 * float(lengths.sum()) / len(lengths)
-    way = np.concatenate([[0.0], np.cumsum(counted)])
-    return way / way[-1]
+EDGE = 0.02
 
 
 def arc_lengths(path: Floats) -> Floats:
@@ -72,6 +53,17 @@ def corners(path: Floats, tolerance: float) -> tuple[int, ...]:
             found.add(corner)
             stretches += [(first, corner), (corner, last)]
     return _needed(path, sorted(found), tolerance)
+
+
+def edges(path: Floats) -> int:
+    """Return how many edges a path (n, d) has: straight ones to 2 % of its diagonal.
+
+    Of a curve, half of that tolerance finds 1.4 times as many. Where it finds twice as many there are turns as small as
+    that, as in a weave, and they count.
+    """
+    size = diagonal(path)
+    found, fine = (len(corners(path, tolerance * size)) - 1 for tolerance in (EDGE, 0.5 * EDGE))
+    return fine if fine > 2 * found else found
 
 
 def _needed(path: Floats, found: list[int], tolerance: float) -> tuple[int, ...]:

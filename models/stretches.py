@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from models.cleaning import CleanMotion, moving_average
+from models.cleaning import LENGTH_WINDOW, CleanMotion, moving_average
 from models.demonstration import Bools, Floats
 from models.geometry import diagonal, norms
 from models.group import skips
-from models.phase import LENGTH_WINDOW, arc_lengths
+from models.phase import arc_lengths
 
 LEAST_PAUSE = 0.05
 WINDOW = 3.5
