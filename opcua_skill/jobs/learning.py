@@ -103,9 +103,13 @@ class LearningJobs:
         task.add_done_callback(lambda _: (self._tasks.pop(job_id, None), self._progress.pop(job_id, None)))
         task.add_done_callback(_log_unexpected)
         await asyncio.wait({task}, timeout=answer_within)
-        if task.done():
-            return task.result()
-        return LearningOutcome(await self._library.job(job_id))
+        if not task.done():
+            report = await self._library.job(job_id)
+            if report.state in (JobState.QUEUED, JobState.RUNNING):
+                return LearningOutcome(report)
+        # it has ended, if only while its row was read: then its outcome is told, not that of a job under way
+        await asyncio.wait({task})
+        return task.result()
 
     async def _learn(self, job_id: str, request: LearningRequest) -> LearningOutcome:
         failure, argument, reason = Failure.INTERNAL, "", "the job ended without a result"

@@ -119,6 +119,24 @@ async def test_a_slow_learning_job_answers_running_and_goes_on(plant: Plant) -> 
     assert (await plant.library.description("glue")).version == 1
 
 
+async def test_a_job_that_ends_while_its_row_is_read_answers_what_came_of_it(
+    plant: Plant, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    read = plant.library.job
+
+    async def read_late(job_id: str) -> JobReport:
+        async with asyncio.timeout(LIMIT):
+            while (report := await read(job_id)).state is not JobState.COMPLETED:
+                await asyncio.sleep(0.01)
+        return report
+
+    monkeypatch.setattr(plant.library, "job", read_late)
+    outcome = await plant.engine.learn(plant.request(), answer_within=0.001)
+    assert outcome.report.state is JobState.COMPLETED
+    assert outcome.learned is not None
+    assert outcome.description is not None
+
+
 async def test_demonstrations_that_cannot_be_learned_fail_the_job_with_the_remedy(plant: Plant) -> None:
     with pytest.raises(LearningFailed, match="record more"):
         await plant.engine.learn(plant.request(people=1), answer_within=LIMIT)
