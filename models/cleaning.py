@@ -298,6 +298,8 @@ def _of_an_edge(points: Floats, size: float) -> float:
     """
     moves = np.diff(_some(points), axis=0)
     lengths = norms(moves)
+    if not size or not lengths.any():  # one place: reflections took the rest
+        return 1.0
     moving = lengths > RESTING * float(lengths.mean())
     ahead = moves[moving] / lengths[moving][:, None]
     most = OF_EDGE * float(lengths.sum()) / (CROSSED * size)

@@ -197,6 +197,13 @@ def test_any_points_among_good_ones_leave_a_sound_path(points: np.ndarray, durat
     learned_or_refused([drawn(points, "odd", duration), *base[:3]])
 
 
+def test_one_place_and_a_sample_thrown_off_it_is_refused_by_a_reason() -> None:
+    still = np.array([[0.0, 1.0], [1.0, 1.0], [1.0, 1.0], [1.0, 1.0], [1.0, 1.0]])
+    learned = learned_or_refused([drawn(still, "still"), *PEOPLE[:3]])
+    assert learned is not None
+    assert learned.verdicts[0].fault == "invalid"
+
+
 @given(
     hnp.arrays(np.float64, (4, 40, 2), elements=st.floats(0.0, 0.25, width=32)),
     st.sampled_from(["recommended", "paper"]),
