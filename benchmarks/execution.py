@@ -20,19 +20,20 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks import execution_peers
 from models.motion import Motion
-from sim import arms
+from sim import robots
 from sim.arm import Stopped, Trace
 from sim.arm_model import ArmModel
-from sim.bullet_world import BulletWorld, pybullet
-from sim.checks import MotionRefused, check_joints, check_reach, check_singularity
-from sim.clearance import Cell, check_clearance, part_box
-from sim.conformance import left_path
-from sim.execution import Execution, Phase
-from sim.kinematics import kinematics
+from sim.drivers.execution import Execution, Phase
+from sim.drivers.pybullet.arm import PyBulletArm
+from sim.drivers.pybullet.world import BulletWorld, pybullet
+from sim.findings import MotionRefused
 from sim.order import MotionOrder
 from sim.plan import MotionPlan
-from sim.planner import plan_motion
-from sim.pybullet_arm import PyBulletArm
+from sim.planning.checks import check_joints, check_reach, check_singularity
+from sim.planning.clearance import Cell, check_clearance, part_box
+from sim.planning.kinematics import kinematics
+from sim.planning.planner import plan_motion
+from sim.testing.conformance import left_path
 
 Floats = NDArray[np.float64]
 Row = dict[str, Any]
@@ -103,10 +104,10 @@ def row(name: str, ours: float, peer: str, theirs: float | None, goal: str, hold
 def inverse_kinematics() -> Iterator[Row]:
     """Compare accuracy and time a point on the whole zigzag, on every arm: processor time, models loaded before."""
     goals: dict[str, Floats] = {}
-    for name in arms.names():
-        goal = plan_motion(zigzag(), MotionOrder(time_step=0.001, speed=0.05), arms.load(name)).tool
+    for name in robots.names():
+        goal = plan_motion(zigzag(), MotionOrder(time_step=0.001, speed=0.05), robots.load(name)).tool
         goals[name] = goal[np.linspace(1500, len(goal) - 1500, IK_POINTS).astype(int)]
-    models = {name: arms.load(name) for name in goals}
+    models = {name: robots.load(name) for name in goals}
     tasks = [
         (model.urdf, model.tool.tip, model.home, kinematics(model).seed_rotation, goals[name], PEER_RUNS)
         for name, model in models.items()
@@ -190,7 +191,7 @@ def matrix_forward(model: ArmModel, joints: Floats) -> Floats:
 
 def planning() -> Iterator[Row]:
     """Measure contour error against the time step, evenness of the speed, and how long all checks take."""
-    model = arms.load()
+    model = robots.load()
     kept, refused = [], 0
     for step in (0.001, 0.004, 0.008, 0.012, 0.016, 0.02):
         try:
@@ -238,7 +239,7 @@ def all_checks(model: ArmModel, plan: MotionPlan) -> None:
 
 def motion() -> Iterator[Row]:
     """Measure tracking, pause, stop, speed of simulation and repeatability in PyBullet at 1 kHz."""
-    model = arms.load()
+    model = robots.load()
     worst, usual = 0.0, 0.0
     for speed in (0.01, 0.05, 0.1):
         order = MotionOrder(time_step=0.001, timing="constant_speed", speed=speed, corners="slow")

@@ -18,12 +18,12 @@ from benchmarks.learning_figures import sheet
 from benchmarks.learning_material import lasa, lasa_at_hand, strokes, strokes_at_hand
 from benchmarks.learning_rows import Peers, Row, plain, row
 from benchmarks.learning_yardstick import drawings, drawn_by, polygons, yardstick
-from models.alignment import warp
+from models.alignment.dtw import warp
 from models.demonstration import Demonstration, Floats
 from models.evaluation import corner_error, end_error, frechet, path_rms, resampled, smoothness
 from models.geometry import diagonal
 from models.learning import LearnedMotion, VerdictKind, learn
-from models.people import ZIGZAG_IN_SPACE, raster, simulated_group, simulated_people, true_orientations
+from models.synthetic import ZIGZAG_IN_SPACE, raster, simulated_group, simulated_people, true_orientations
 
 SEEDS = range(5)
 EVEN, COARSE = np.linspace(0.0, 1.0, 2001), np.linspace(0.0, 1.0, 300)

@@ -12,8 +12,8 @@ import numpy as np
 from benchmarks.learning_rows import Peers, Row, plain, row
 from models.demonstration import Demonstration
 from models.learning import LearningOptions, learn
-from models.mixture import priors
-from models.people import simulated_people
+from models.mixture.gmm import priors
+from models.synthetic import simulated_people
 
 ROOT = Path(__file__).resolve().parents[1]
 ROUNDS = 3

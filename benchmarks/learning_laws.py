@@ -21,7 +21,7 @@ from models.errors import SkillError
 from models.evaluation import resampled
 from models.geometry import diagonal
 from models.learning import LearnedMotion, VerdictKind, learn
-from models.people import simulated_people
+from models.synthetic import simulated_people
 
 EVEN = np.linspace(0.0, 1.0, 1001)
 Map = Callable[[Floats], Floats]

@@ -13,15 +13,15 @@ from numpy.typing import NDArray
 
 from benchmarks.learning_material import lasa, lasa_at_hand
 from benchmarks.learning_rows import Row, row
-from models.correspondence import Correspondence
+from models.alignment.aligned import AlignedDemonstrations
+from models.alignment.registration import mean_of
 from models.demonstration import Demonstration, Floats
 from models.evaluation import frechet
-from models.fitting import fit_path, mixture_of, timing
-from models.group import mean_of
 from models.learning import LearnedMotion, LearningOptions, learn
+from models.mixture.fitting import fit_path, mixture_of, timing
 from models.motion import Motion
-from models.people import CAMERA, TREMBLE, WANDER, ZIGZAG, raster
 from models.phase import arc_lengths, at
+from models.synthetic import CAMERA, TREMBLE, WANDER, ZIGZAG, raster
 from models.yardstick import mean_path, misfit, retimed
 
 MILLIMETRE = 1e-3
@@ -219,12 +219,14 @@ def _coverage() -> Iterator[Row]:
         yield row(name, off, "<= 4", off <= 4.0, runs=len(shares))
 
 
-def _aligned(learned: LearnedMotion) -> Correspondence:
+def _aligned(learned: LearnedMotion) -> AlignedDemonstrations:
     points = np.stack([one.points for one in learned.aligned])
     times = np.stack([one.times for one in learned.aligned])
     weights = np.isfinite(points[:, :, 0]).astype(np.float64)
-    return Correspondence(points, times, weights, None, weights)
+    return AlignedDemonstrations(points, times, weights, None, weights)
 
 
-def _some(people: Correspondence, rows: NDArray[np.int64]) -> Correspondence:
-    return Correspondence(people.points[rows], people.times[rows], people.triggers[rows], None, people.weights[rows])
+def _some(people: AlignedDemonstrations, rows: NDArray[np.int64]) -> AlignedDemonstrations:
+    return AlignedDemonstrations(
+        people.points[rows], people.times[rows], people.triggers[rows], None, people.weights[rows]
+    )

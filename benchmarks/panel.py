@@ -21,7 +21,7 @@ import numpy as np
 from playwright.sync_api import Page, sync_playwright
 
 from models.demonstration import Demonstration
-from models.people import simulated_people
+from models.synthetic import simulated_people
 from opcua_skill.client import LearningOptions
 from opcua_skill.demo.plant import Plant, free_port, running_plant
 

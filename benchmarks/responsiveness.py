@@ -15,7 +15,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from models.people import simulated_people
+from models.synthetic import simulated_people
 from opcua_skill.client import LearningOptions, SkillClient
 from opcua_skill.demo.plant import Plant, running_plant
 

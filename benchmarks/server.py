@@ -29,7 +29,7 @@ from asyncua.ua.object_ids import ObjectIds as Ids
 
 from benchmarks.server_peers import SERVER_URI
 from opcua_skill.security import ensure_client_certificate, ensure_server_certificate
-from opcua_skill.stack.values import node_id
+from opcua_skill.stack.address_space.values import node_id
 
 PEER = f"asyncua {asyncua.__version__}"
 CLIENT_URI = "urn:opcua-skill:benchmark"

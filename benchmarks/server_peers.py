@@ -19,14 +19,14 @@ from asyncua.ua.attribute_ids import AttributeIds
 from asyncua.ua.object_ids import ObjectIds as Ids
 from asyncua.ua.ua_binary import struct_to_binary
 
-from opcua_skill.nodes.nodesets import load_node_sets
 from opcua_skill.security import SecuritySettings
 from opcua_skill.security.access import Identity, Peer, Role
-from opcua_skill.stack.calls import Argument, MethodSpec, add_method
-from opcua_skill.stack.internal import SkillInternalServer
+from opcua_skill.server.nodesets import load_node_sets
+from opcua_skill.stack.address_space.values import node_id
+from opcua_skill.stack.internal_server import SkillInternalServer
 from opcua_skill.stack.limits import Limits
 from opcua_skill.stack.server import SkillServer
-from opcua_skill.stack.values import node_id
+from opcua_skill.stack.services.calls import Argument, MethodSpec, add_method
 
 SERVER_URI = "urn:opcua-skill:server"
 SUBSCRIBERS, ITEMS, CHANGES = 50, 100, 10

@@ -12,12 +12,12 @@ from asyncua.ua.object_ids import ObjectIds
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
-from opcua_skill.nodes.tree import TYPES, standard
-from opcua_skill.server import SkillServerApp
-from opcua_skill.settings import Settings
+from opcua_skill.configuration.settings import Settings
+from opcua_skill.server.address_space import TYPES, standard
+from opcua_skill.server.app import SkillServerApp
 from opcua_skill.stack.server import SkillServer
-from sim.arms import load
-from sim.kinematic_arm import KinematicArm
+from sim.drivers.kinematic.arm import KinematicArm
+from sim.robots import load
 
 REFERENCE = Path(__file__).parent / "reference"
 CONFIGURATION = REFERENCE / "configuration.md"

@@ -20,19 +20,19 @@ from library.description import (
     VersionState,
 )
 from library.names import normal
+from library.queries import audit as audit_rows
+from library.queries import deployments as deployment_rows
+from library.queries import jobs as job_rows
+from library.queries import learned as learned_rows
+from library.queries import orders as order_rows
+from library.queries import recipes as recipe_rows
+from library.queries import recordings as recording_rows
+from library.queries import search
+from library.queries import stations as station_rows
+from library.queries import users as user_rows
+from library.queries import versions as version_rows
+from library.queries.encoding import unpack_aligned, unpack_recording
 from library.records import JobOrder, JobTrace, User
-from library.rows import audit as audit_rows
-from library.rows import deployments as deployment_rows
-from library.rows import jobs as job_rows
-from library.rows import learned as learned_rows
-from library.rows import orders as order_rows
-from library.rows import recipes as recipe_rows
-from library.rows import recordings as recording_rows
-from library.rows import search
-from library.rows import stations as station_rows
-from library.rows import users as user_rows
-from library.rows import versions as version_rows
-from library.rows.encoding import unpack_aligned, unpack_recording
 from library.values import check_name, check_text
 from models.demonstration import Demonstration, Edits
 from models.options import LearningOptions

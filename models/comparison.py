@@ -14,18 +14,18 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from models.alignment import Indices, warp
-from models.cleaning import CleanMotion, clean
-from models.correspondence import taken_at
+from models.alignment.aligned import taken_at
+from models.alignment.dtw import Indices, warp
+from models.alignment.registration import mean_of
 from models.demonstration import Demonstration, Edits, Floats
 from models.errors import SkillError
 from models.evaluation import frechet, resampled, smoothness
 from models.geometry import norms
-from models.group import mean_of
 from models.motion import Motion
 from models.options import LearningOptions
-from models.paper import fit_aligned
 from models.phase import arc_lengths, at
+from models.preprocessing.filtering import CleanMotion, clean
+from models.presets.paper import fit_aligned
 from models.report import Previous
 
 PATH_POINTS = 1000

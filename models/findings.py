@@ -54,3 +54,13 @@ class Finding:
     size: float | None = None
     people: tuple[str, ...] = ()
     others: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Remark:
+    """What is to be said of one motion: ``place`` 0..1 on the path, ``size`` in m, ``code`` for programs."""
+
+    reason: str
+    place: float | None = None
+    size: float | None = None
+    code: Code = ""

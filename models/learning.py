@@ -1,5 +1,5 @@
-"""From demonstrations to a motion: ``learn`` and what is reported of it. The pipelines are ``models.recommended``
-and ``models.paper``.
+"""From demonstrations to a motion: ``learn`` and what is reported of it. The pipelines are
+``models.presets.recommended`` and ``models.presets.paper``.
 """
 
 # numpy and scipy leave many results untyped: what leaves a function here is typed by its signature.
@@ -14,19 +14,19 @@ from typing import Any, Literal
 import numpy as np
 from threadpoolctl import ThreadpoolController
 
-from models.cleaning import CleanMotion, clean
+from models.alignment.registration import mean_of
 from models.comparison import end_error, path_error, to_paper, to_previous
-from models.correspondence import Fitted, Progress, Remark
 from models.demonstration import Demonstration, Edits, Floats
 from models.errors import MixedDemonstrations, SkillError, TooFewDemonstrations, UnknownDemonstration, UnlikelyUnits
 from models.evaluation import smoothness
-from models.findings import Finding
+from models.findings import Finding, Remark
 from models.geometry import diagonal, norms
-from models.group import mean_of
 from models.motion import Motion
-from models.options import LearningOptions
+from models.options import LearningOptions, Progress
 from models.phase import arc_lengths
+from models.preprocessing.filtering import CleanMotion, clean
 from models.presets import FILTER_WINDOW, preset_named
+from models.presets.fit_result import FitResult
 from models.report import (
     AlignedDemonstration,
     DemonstrationError,
@@ -38,9 +38,9 @@ from models.report import (
     mean_repeatability,
     samples_along_path,
 )
-from models.stretches import Extra, Pause
-from models.tool import tool_findings
-from models.wording import what_it_did
+from models.screening.messages import what_it_did
+from models.screening.pauses import Detour, Pause
+from models.screening.tool_orientation import tool_findings
 
 __all__ = [
     "AlignedDemonstration",
@@ -192,7 +192,7 @@ def _left_out(name: str, reason: str, fault: Literal["invalid", "excluded"]) -> 
     return Verdict(name, VerdictKind.LEFT_OUT, reason, None, None, fault, fault)
 
 
-def _verdict(motion: CleanMotion, fitted: Fitted, row: int, usual_pause: float) -> Verdict:
+def _verdict(motion: CleanMotion, fitted: FitResult, row: int, usual_pause: float) -> Verdict:
     did = what_it_did(fitted.pauses.get(row, ()), fitted.extras.get(row, ()), usual_pause)
     name = motion.demonstration_id
     if row in fitted.left_out:
@@ -223,7 +223,7 @@ def _check_units(motions: dict[int, CleanMotion], verdicts: dict[int, Verdict]) 
             verdicts[index] = _left_out(name, reason, "invalid")
 
 
-def _dispense(fitted: Fitted) -> tuple[tuple[float, float], ...]:
+def _dispense(fitted: FitResult) -> tuple[tuple[float, float], ...]:
     """Return the phases between which most of those who are still there press the button."""
     known = np.isfinite(fitted.aligned.triggers)
     votes = np.where(known, fitted.aligned.triggers, 0.0).sum(axis=0)
@@ -257,7 +257,7 @@ def _orientation_finding(motions: Sequence[CleanMotion]) -> tuple[Finding, ...]:
 
 
 def _dots_finding(
-    fitted: Fitted, motions: Sequence[CleanMotion], laid: Sequence[tuple[float, float]]
+    fitted: FitResult, motions: Sequence[CleanMotion], laid: Sequence[tuple[float, float]]
 ) -> tuple[Finding, ...]:
     """Return what is to be said where most pressed the button at a place of the path at which nothing is dispensed."""
     grid = fitted.phases
@@ -286,7 +286,7 @@ def _dots_finding(
 
 def _report(
     motion: Motion,
-    fitted: Fitted,
+    fitted: FitResult,
     everyone: Sequence[str],
     names: Sequence[str],
     verdicts: tuple[Verdict, ...],
@@ -324,7 +324,7 @@ def _report(
     )
 
 
-def _told(found: Mapping[int, Sequence[Pause | Extra]], names: Sequence[str]) -> tuple[dict[str, Any], ...]:
+def _told(found: Mapping[int, Sequence[Pause | Detour]], names: Sequence[str]) -> tuple[dict[str, Any], ...]:
     """Return what was found of each motion, with the id of its demonstration."""
     return tuple(
         {"demonstration_id": names[row]} | {field.name: getattr(one, field.name) for field in fields(one)}

@@ -15,7 +15,7 @@ import numpy as np
 from models.demonstration import Bools, Floats
 from models.errors import InvalidModel
 from models.geometry import norms
-from models.regression import CovarianceRule, regress, regress_mean
+from models.mixture.gmr import CovarianceRule, regress, regress_mean
 
 Clock = Literal["path", "time"]
 QUATERNION = 4

@@ -1,5 +1,6 @@
 """How to learn: presets and what may be changed of them."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import entry_points
@@ -10,6 +11,8 @@ from models.errors import OptionOutOfRange
 OWN_PRESETS = ("recommended", "free", "paper")
 DOOR = "opcua_skill.presets"
 """The group of entry points under which others bring presets of their own (``models.presets.Preset``)."""
+Progress = Callable[[float, str], None]
+"""How learning tells how far it is: the share done, 0..1, and at what."""
 
 
 @cache
@@ -24,11 +27,10 @@ class LearningOptions:
 
     ``components`` is the number of Gaussians (0: the preset's, where ``recommended`` finds it from the path);
     ``filter_window`` of the moving average in s; ``alignment`` the exact ``dtw`` or the ``fastdtw`` package,
-    ``radius`` the
-    latter's; ``clock``: components over the ``path`` or over ``time``; ``reject_outliers``: leave out demonstrations
-    that do not fit the others; ``time_step`` in s of the reported path; ``seed`` of whatever is drawn at random;
-    ``place``: ``plate`` keeps each demonstration where it was drawn, ``free`` moves, turns and scales them onto each
-    other. The preset ``free`` is ``recommended`` with ``place`` free.
+    ``radius`` the latter's; ``clock``: components over the ``path`` or over ``time``; ``reject_outliers``: leave out
+    demonstrations that do not fit the others; ``time_step`` in s of the reported path; ``seed`` of whatever is drawn
+    at random; ``place``: ``plate`` keeps each demonstration where it was drawn, ``free`` moves, turns and scales them
+    onto each other. The preset ``free`` is ``recommended`` with ``place`` free.
     """
 
     preset: str = "recommended"

@@ -84,7 +84,8 @@ class LearningReport:
     zero is smoother. ``paper`` is how the paper's preset does on the same demonstrations (nothing for that preset
     itself), ``previous`` what has changed since the version before, if there was one: see ``models.comparison``.
     ``findings`` are what is to be known of them all, each with a code; ``notes`` are their sentences.
-    ``pauses`` and ``extras`` are what single demonstrations did that the others did not: see ``models.stretches``.
+    ``pauses`` and ``extras`` are what single demonstrations did that the others did not: see
+    ``models.screening.pauses``.
     """
 
     preset: str

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from models.alignment.registration import mean_of
 from models.demonstration import Floats
 from models.geometry import norms
-from models.group import mean_of
 
 WHOLE_PATH = 4.0  # people that what all differ by on the whole path counts as, where those of one place are few
 FINEST = 1e-4  # of the path's length: a tenth of the 1000 points that a path is shown by; for people without any spread

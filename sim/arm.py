@@ -1,7 +1,8 @@
 """What an arm is to everybody else: its model, its state, the commands it obeys and how it says no.
 
-A real robot is one new file with a class that fits ``Arm`` and passes ``sim.conformance.ArmConformance``. Lengths are
-in metres, angles in radians, times in seconds; a pose is seven numbers x y z qx qy qz qw in the arm's base frame.
+A real robot is one new file with a class that fits ``Arm`` and passes ``sim.testing.conformance.ArmConformance``.
+Lengths are in metres, angles in radians, times in seconds; a pose is seven numbers x y z qx qy qz qw in the arm's base
+frame.
 """
 
 from __future__ import annotations

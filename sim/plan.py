@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, fields
 import numpy as np
 
 from sim.arm_model import Bools, Floats, Stage
-from sim.checks import Finding
+from sim.findings import Finding
 from sim.order import MotionOrder
 
 

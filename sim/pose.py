@@ -3,7 +3,7 @@
 from scipy.spatial.transform import Rotation
 
 from sim.arm_model import Floats, Pose
-from sim.kinematics import Kinematics
+from sim.planning.kinematics import Kinematics
 
 
 def pose_of(arm: Kinematics, joints: Floats) -> Pose:

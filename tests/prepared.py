@@ -164,9 +164,9 @@ def become(request: dict, given: list[int]) -> None:
 
 def main() -> None:
     """Import the product, then be asked; where forked, be the product's command line."""
-    import opcua_skill.server  # noqa: F401
+    import opcua_skill.server.app  # noqa: F401
     from opcua_skill.cli import main as command_line
-    from opcua_skill.workers import PREPARED
+    from opcua_skill.jobs.process_pool import PREPARED
 
     for name in PREPARED:
         importlib.import_module(name)

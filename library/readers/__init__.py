@@ -7,11 +7,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from library.readers.apart import Reader, read_apart, read_upload
-from library.readers.choices import Choices
 from library.readers.flat import Plane, common_plane
 from library.readers.formats import read
 from library.readers.gaps import Gaps, gaps, without_gaps
+from library.readers.import_options import Choices
+from library.readers.isolation import Reader, read_apart, read_upload
 from library.readers.lasa import lasa
 from library.readers.placing import fit_to_plate, onto_plane
 from models.demonstration import Demonstration

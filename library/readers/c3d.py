@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from library.errors import ReaderError
-from library.readers.choices import Choices
-from library.readers.sheet import METRES, read_bytes
+from library.readers.import_options import Choices
+from library.readers.text_table import METRES, read_bytes
 from library.readers.tracks import Track, follow, pick
 from models.demonstration import Demonstration, Floats
 

@@ -48,8 +48,8 @@ class Plane:
 def believable(demonstrations: Sequence[Demonstration]) -> list[Floats]:
     """Return of each demonstration the points (n, d) that learning would use: seen, and no reflections."""
     # Slow to import, and whoever only reads does not need it.
-    from models.cleaning import clean
     from models.errors import UnusableDemonstration
+    from models.preprocessing.filtering import clean
 
     found: list[Floats] = []
     for one in demonstrations:

@@ -11,9 +11,9 @@ from pathlib import Path
 
 from library.errors import ReaderError
 from library.readers import c3d, motive_csv, plain_csv, qualisys_tsv, ros_bag, trc, vicon_csv
-from library.readers.choices import Choices
+from library.readers.import_options import Choices
 from library.readers.lasa import read as read_lasa
-from library.readers.sheet import Sheet
+from library.readers.text_table import Sheet
 from models.demonstration import Demonstration
 
 DOOR = "opcua_skill.readers"

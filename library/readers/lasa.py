@@ -13,8 +13,8 @@ from typing import Any, cast
 import numpy as np
 
 from library.errors import ReaderError
-from library.readers.choices import Choices
-from library.readers.sheet import demonstration, read_bytes
+from library.readers.import_options import Choices
+from library.readers.text_table import demonstration, read_bytes
 from models.demonstration import Demonstration
 
 HEAD = 128

@@ -5,8 +5,8 @@ Times come from the export frame rate: the time column is rounded to millisecond
 
 from collections import Counter
 
-from library.readers.choices import Choices
-from library.readers.sheet import METRES, Sheet
+from library.readers.import_options import Choices
+from library.readers.text_table import METRES, Sheet
 from library.readers.tracks import Track, follow, frame_times, pick, table, up_axis_needed
 from models.demonstration import Demonstration
 

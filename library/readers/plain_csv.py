@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
-from library.readers.choices import Choices
+from library.readers.import_options import Choices
 from library.readers.lost import without_placeholders
-from library.readers.sheet import (
+from library.readers.text_table import (
     MAX_EXTENT,
     METRES,
     SECONDS,

@@ -5,8 +5,8 @@ With or without a line of column heads, and with or without frame and time befor
 
 import numpy as np
 
-from library.readers.choices import Choices
-from library.readers.sheet import Sheet, is_number
+from library.readers.import_options import Choices
+from library.readers.text_table import Sheet, is_number
 from library.readers.tracks import Track, follow, pick, table
 from models.demonstration import Demonstration
 

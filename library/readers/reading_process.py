@@ -9,9 +9,9 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from library.errors import ChoiceNeeded, ReaderError
-from library.readers.apart import MOST_MEMORY, MOST_SECONDS, OUT_OF_MEMORY, SIZES
-from library.readers.choices import Choices
 from library.readers.formats import read
+from library.readers.import_options import Choices
+from library.readers.isolation import MOST_MEMORY, MOST_SECONDS, OUT_OF_MEMORY, SIZES
 from models.demonstration import Demonstration
 
 

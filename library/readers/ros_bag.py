@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from library.errors import ReaderError
-from library.readers.choices import Choices
+from library.readers.import_options import Choices
 from library.readers.tracks import Track, follow, pick
 from models.demonstration import Demonstration
 

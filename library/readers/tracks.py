@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from library.errors import ChoiceNeeded, ReaderError
-from library.readers.choices import Choices
-from library.readers.sheet import Sheet, demonstration, turned_up
+from library.readers.import_options import Choices
+from library.readers.text_table import Sheet, demonstration, turned_up
 from models.demonstration import Demonstration, Floats
 
 LISTED = 12

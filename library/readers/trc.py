@@ -4,8 +4,8 @@ Real files are separated by tabs or commas, begin with ``PathFileType  4`` in on
 with any frame, end lines with a tab, and promise more frames than they hold: the rows are believed.
 """
 
-from library.readers.choices import Choices
-from library.readers.sheet import METRES, Sheet
+from library.readers.import_options import Choices
+from library.readers.text_table import METRES, Sheet
 from library.readers.tracks import Track, follow, frame_times, pick, table, up_axis_needed
 from models.demonstration import Demonstration
 

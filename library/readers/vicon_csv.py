@@ -3,8 +3,8 @@
 Markers have columns X, Y, Z, bodies RX, RY, RZ, perhaps RW, and TX, TY, TZ. Bodies are followed where no markers are.
 """
 
-from library.readers.choices import Choices
-from library.readers.sheet import METRES, Sheet
+from library.readers.import_options import Choices
+from library.readers.text_table import METRES, Sheet
 from library.readers.tracks import Track, follow, frame_times, pick, table
 from models.demonstration import Demonstration
 

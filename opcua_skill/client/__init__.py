@@ -14,7 +14,8 @@ from opcua_skill.client.errors import (
 from opcua_skill.client.recorder import Presses, Recorded, Recorder, RecorderState, RecordingView
 from opcua_skill.client.session import Event, Session
 from opcua_skill.client.skills import SkillClient
-from opcua_skill.client.values import (
+from opcua_skill.client.workstation import ArmReading, DeployedModel, LockReading, Workstation
+from opcua_skill.wire.values import (
     ENDED,
     ArmLinks,
     AuditEntry,
@@ -35,7 +36,6 @@ from opcua_skill.client.values import (
     SkillSummary,
     Started,
 )
-from opcua_skill.client.workstation import ArmReading, DeployedModel, LockReading, Workstation
 
 __all__ = [
     "APPLICATION_URI",

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from models.demonstration import Bools, Floats
-from opcua_skill.client import wire
 from opcua_skill.client.session import Session
-from opcua_skill.client.values import Mode, Recipe
+from opcua_skill.wire import to_server
+from opcua_skill.wire.values import Mode, Recipe
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,10 +57,10 @@ async def ask_check(session: Session, place: str, recipe: Recipe, version: int) 
     number, can_run, text, times, points, speeds, dispense, covariances = await session.call(
         place,
         "CheckRun",
-        Recipe=wire.structure(wire.recipe_out(session.structure, recipe)),
-        SkillVersion=wire.uint32(version),
+        Recipe=to_server.structure(to_server.recipe_out(session.structure, recipe)),
+        SkillVersion=to_server.uint32(version),
     )
-    told = dict(wire.document(text))
+    told = dict(to_server.document(text))
     found, refused = told.pop("findings", ()), told.pop("modes", {})
     count = len(times or ())
     return RunCheck(

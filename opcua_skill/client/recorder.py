@@ -7,9 +7,9 @@ import numpy as np
 from asyncua import ua
 
 from models.demonstration import Bools, Demonstration, Floats
-from opcua_skill.client import wire
 from opcua_skill.client.session import Session
-from opcua_skill.client.values import Learned, LearningOptions
+from opcua_skill.wire import to_server
+from opcua_skill.wire.values import Learned, LearningOptions
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,8 +76,8 @@ class Recorder:
             self.path,
             "StartRecording",
             Dimension=ua.Variant(dimension, ua.VariantType.Byte),
-            Operator=wire.string(operator),
-            Source=wire.string(source),
+            Operator=to_server.string(operator),
+            Source=to_server.string(source),
         )
         return recording_id
 
@@ -96,7 +96,7 @@ class Recorder:
         samples, demonstrations = await self.session.call(
             self.path,
             "AppendSamples",
-            RecordingId=wire.string(recording_id),
+            RecordingId=to_server.string(recording_id),
             Times=_doubles(times),
             Positions=_doubles(positions),
             Triggers=_booleans(() if triggers is None else triggers),
@@ -106,9 +106,11 @@ class Recorder:
 
     async def finish(self, recording_id: str) -> list[Demonstration]:
         """End a recording and return its demonstrations; long ones are fetched one by one."""
-        [values] = await self.session.call(self.path, "FinishRecording", RecordingId=wire.string(recording_id))
+        [values] = await self.session.call(self.path, "FinishRecording", RecordingId=to_server.string(recording_id))
         return [
-            wire.demonstration_in(one) if one.Times else await self.demonstration(recording_id, one.DemonstrationId)
+            to_server.demonstration_in(one)
+            if one.Times
+            else await self.demonstration(recording_id, one.DemonstrationId)
             for one in values or ()
         ]
 
@@ -146,7 +148,7 @@ class Recorder:
             triggers,
             turned,
         ) = await self.session.call(
-            self.path, "GetRecording", RecordingId=wire.string(recording_id), After=wire.uint32(after)
+            self.path, "GetRecording", RecordingId=to_server.string(recording_id), After=to_server.uint32(after)
         )
         return RecordingView(
             found,
@@ -164,7 +166,7 @@ class Recorder:
     async def presses(self, recording_id: str = "") -> Presses:
         """Return the demonstrations of a recording, also while it goes on; no id: the open or the newest one."""
         ids, first, last, goes_on = await self.session.call(
-            self.path, "ListDemonstrations", RecordingId=wire.string(recording_id)
+            self.path, "ListDemonstrations", RecordingId=to_server.string(recording_id)
         )
         return Presses(tuple(ids or ()), tuple(map(int, first or ())), tuple(map(int, last or ())), bool(goes_on))
 
@@ -173,18 +175,18 @@ class Recorder:
         [value] = await self.session.call(
             self.path,
             "GetDemonstration",
-            RecordingId=wire.string(recording_id),
-            DemonstrationId=wire.string(demonstration_id),
+            RecordingId=to_server.string(recording_id),
+            DemonstrationId=to_server.string(demonstration_id),
         )
-        return wire.demonstration_in(value)
+        return to_server.demonstration_in(value)
 
     async def discard(self, recording_id: str, demonstration_id: str = "") -> int:
         """Forget one demonstration or, with no name, the whole recording; return how many are left."""
         [left] = await self.session.call(
             self.path,
             "DiscardRecording",
-            RecordingId=wire.string(recording_id),
-            DemonstrationId=wire.string(demonstration_id),
+            RecordingId=to_server.string(recording_id),
+            DemonstrationId=to_server.string(demonstration_id),
         )
         return int(left)
 
@@ -199,12 +201,14 @@ class Recorder:
         job_id, state, version, results, report = await self.session.call(
             self.path,
             "LearnFromRecording",
-            RecordingId=wire.string(recording_id),
-            SkillName=wire.string(skill_name),
-            SemanticType=wire.string(semantic_type),
-            Options=wire.structure(wire.options_out(self.session.structure, options or LearningOptions())),
+            RecordingId=to_server.string(recording_id),
+            SkillName=to_server.string(skill_name),
+            SemanticType=to_server.string(semantic_type),
+            Options=to_server.structure(to_server.options_out(self.session.structure, options or LearningOptions())),
         )
-        return Learned(job_id, state, int(version), tuple(code.name for code in results or ()), wire.document(report))
+        return Learned(
+            job_id, state, int(version), tuple(code.name for code in results or ()), to_server.document(report)
+        )
 
     async def press(self, pressed: bool) -> None:
         """Tell where the push button is, for samples that come without triggers."""

@@ -36,8 +36,8 @@ from opcua_skill.client.errors import (
     meaning,
     status_name,
 )
-from opcua_skill.client.structures import load_structures
 from opcua_skill.security import ApplicationCertificate, ensure_client_certificate
+from opcua_skill.wire.structures import load_structures
 
 TYPES = "urn:opcua-skill:types"
 INSTANCES = "urn:opcua-skill:instances"

@@ -10,10 +10,11 @@ import numpy as np
 from asyncua import ua
 
 from models.demonstration import Demonstration, Edits
-from opcua_skill.client import wire
 from opcua_skill.client.errors import ClientError, Refused, TookTooLong
 from opcua_skill.client.session import Event, Session
-from opcua_skill.client.values import (
+from opcua_skill.client.workstation import Workstation, ask_report
+from opcua_skill.wire import to_server
+from opcua_skill.wire.values import (
     AuditEntry,
     JobReport,
     Learned,
@@ -26,7 +27,6 @@ from opcua_skill.client.values import (
     Skill,
     SkillSummary,
 )
-from opcua_skill.client.workstation import Workstation, ask_report
 
 LIBRARY = "SkillLibrary"
 POLL = 0.5
@@ -101,18 +101,20 @@ class SkillClient:
         job_id, state, version, results, report = await self.session.call(
             LIBRARY,
             "LearnFromDemonstration",
-            SkillName=wire.string(skill_name),
-            SemanticType=wire.string(semantic_type),
-            Demonstrations=wire.structure_array(
-                [wire.demonstration_out(self.session.structure, one) for one in demonstrations]
+            SkillName=to_server.string(skill_name),
+            SemanticType=to_server.string(semantic_type),
+            Demonstrations=to_server.structure_array(
+                [to_server.demonstration_out(self.session.structure, one) for one in demonstrations]
             ),
-            Options=wire.structure(wire.options_out(self.session.structure, options or LearningOptions())),
+            Options=to_server.structure(to_server.options_out(self.session.structure, options or LearningOptions())),
         )
-        return Learned(job_id, state, int(version), tuple(code.name for code in results or ()), wire.document(report))
+        return Learned(
+            job_id, state, int(version), tuple(code.name for code in results or ()), to_server.document(report)
+        )
 
     async def _check_size(self, demonstrations: Sequence[Demonstration]) -> None:
         """Refuse what no message of this server can hold: sent all the same, it would cost the connection."""
-        size = sum(wire.size_of(one) for one in demonstrations)
+        size = sum(to_server.size_of(one) for one in demonstrations)
         if size < SMALL_MESSAGE:
             return
         limits = await self.limits()
@@ -153,32 +155,32 @@ class SkillClient:
             skills, after = await self.session.call(
                 LIBRARY,
                 "FindSkills",
-                SemanticType=wire.string(semantic_type),
-                State=wire.string(state),
-                Workstation=wire.string(workstation),
-                NamePrefix=wire.string(name_prefix),
-                After=wire.string(after),
-                Limit=wire.uint32(limit - len(found) if limit else 0),
+                SemanticType=to_server.string(semantic_type),
+                State=to_server.string(state),
+                Workstation=to_server.string(workstation),
+                NamePrefix=to_server.string(name_prefix),
+                After=to_server.string(after),
+                Limit=to_server.uint32(limit - len(found) if limit else 0),
             )
-            found += [wire.summary_in(skill) for skill in skills or ()]
+            found += [to_server.summary_in(skill) for skill in skills or ()]
             if not after or (limit and len(found) >= limit):
                 return found
 
     async def skill(self, skill_name: str, version: int = 0) -> Skill:
         """Return a version's semantic description; 0 is the newest."""
         [text] = await self.session.call(
-            LIBRARY, "GetSkill", SkillName=wire.string(skill_name), Version=wire.uint32(version)
+            LIBRARY, "GetSkill", SkillName=to_server.string(skill_name), Version=to_server.uint32(version)
         )
-        return Skill.from_document(wire.document(text))
+        return Skill.from_document(to_server.document(text))
 
     async def recordings(self, skill_name: str, version: int = 0) -> Recordings:
         """Return the demonstrations a version was learned from, as sent and as aligned."""
         raw, aligned = await self.session.call(
-            LIBRARY, "GetDemonstrations", SkillName=wire.string(skill_name), Version=wire.uint32(version)
+            LIBRARY, "GetDemonstrations", SkillName=to_server.string(skill_name), Version=to_server.uint32(version)
         )
         return Recordings(
-            tuple(wire.demonstration_in(one) for one in raw or ()),
-            tuple(wire.demonstration_in(one) for one in aligned or ()),
+            tuple(to_server.demonstration_in(one) for one in raw or ()),
+            tuple(to_server.demonstration_in(one) for one in aligned or ()),
         )
 
     async def path(self, skill_name: str, version: int = 0, *, recipe_id: str = "", time_step: float = 0.0) -> Path:
@@ -186,10 +188,10 @@ class SkillClient:
         dimension, times, positions, covariances, dispense = await self.session.call(
             LIBRARY,
             "GetTrajectory",
-            SkillName=wire.string(skill_name),
-            Version=wire.uint32(version),
-            RecipeId=wire.string(recipe_id),
-            TimeStep=wire.double(time_step),
+            SkillName=to_server.string(skill_name),
+            Version=to_server.uint32(version),
+            RecipeId=to_server.string(recipe_id),
+            TimeStep=to_server.double(time_step),
         )
         n, d = len(times), int(dimension)
         return Path(
@@ -209,11 +211,11 @@ class SkillClient:
         [new] = await self.session.call(
             LIBRARY,
             "RemovePoints",
-            SkillName=wire.string(skill_name),
-            Version=wire.uint32(version),
-            DemonstrationId=wire.string(demonstration_id),
-            Indices=wire.uint32_array(indices),
-            Comment=wire.string(comment),
+            SkillName=to_server.string(skill_name),
+            Version=to_server.uint32(version),
+            DemonstrationId=to_server.string(demonstration_id),
+            Indices=to_server.uint32_array(indices),
+            Comment=to_server.string(comment),
         )
         return int(new)
 
@@ -232,10 +234,10 @@ class SkillClient:
         job_id, state, new = await self.session.call(
             LIBRARY,
             "LearnAgain",
-            SkillName=wire.string(skill_name),
-            Version=wire.uint32(version),
-            Edits=wire.structure_array(entries),
-            Comment=wire.string(comment),
+            SkillName=to_server.string(skill_name),
+            Version=to_server.uint32(version),
+            Edits=to_server.structure_array(entries),
+            Comment=to_server.string(comment),
         )
         return job_id, state, int(new)
 
@@ -253,10 +255,10 @@ class SkillClient:
         [state] = await self.session.call(
             LIBRARY,
             method,
-            SkillName=wire.string(skill_name),
-            Version=wire.uint32(version),
-            ModelDigest=wire.byte_string(model_digest),
-            Comment=wire.string(comment),
+            SkillName=to_server.string(skill_name),
+            Version=to_server.uint32(version),
+            ModelDigest=to_server.byte_string(model_digest),
+            Comment=to_server.string(comment),
         )
         return state
 
@@ -272,9 +274,9 @@ class SkillClient:
         [state] = await self.session.call(
             LIBRARY,
             method,
-            SkillName=wire.string(skill_name),
-            Version=wire.uint32(version),
-            Workstation=wire.string(workstation),
+            SkillName=to_server.string(skill_name),
+            Version=to_server.uint32(version),
+            Workstation=to_server.string(workstation),
         )
         return state
 
@@ -283,9 +285,9 @@ class SkillClient:
         [state] = await self.session.call(
             LIBRARY,
             "Retire",
-            SkillName=wire.string(skill_name),
-            Version=wire.uint32(version),
-            Comment=wire.string(comment),
+            SkillName=to_server.string(skill_name),
+            Version=to_server.uint32(version),
+            Comment=to_server.string(comment),
         )
         return state
 
@@ -294,38 +296,38 @@ class SkillClient:
         [content] = await self.session.call(
             LIBRARY,
             "ExportSkill",
-            SkillName=wire.string(skill_name),
-            Version=wire.uint32(version),
-            Format=wire.string(file_format),
+            SkillName=to_server.string(skill_name),
+            Version=to_server.uint32(version),
+            Format=to_server.string(file_format),
         )
         return content
 
     async def import_skill(self, content: str, file_format: str = "json") -> tuple[str, int]:
         """Store a version from an exchange format; return its name and new version number, in state Learned."""
         name, version = await self.session.call(
-            LIBRARY, "ImportSkill", Content=wire.string(content), Format=wire.string(file_format)
+            LIBRARY, "ImportSkill", Content=to_server.string(content), Format=to_server.string(file_format)
         )
         return name, int(version)
 
     async def put_recipe(self, recipe: Recipe) -> None:
         """Store a recipe, or replace the one of that id."""
         await self.session.call(
-            LIBRARY, "PutRecipe", Recipe=wire.structure(wire.recipe_out(self.session.structure, recipe))
+            LIBRARY, "PutRecipe", Recipe=to_server.structure(to_server.recipe_out(self.session.structure, recipe))
         )
 
     async def recipe(self, recipe_id: str) -> Recipe:
         """Return a recipe."""
-        [value] = await self.session.call(LIBRARY, "GetRecipe", RecipeId=wire.string(recipe_id))
-        return wire.recipe_in(value)
+        [value] = await self.session.call(LIBRARY, "GetRecipe", RecipeId=to_server.string(recipe_id))
+        return to_server.recipe_in(value)
 
     async def recipes(self, skill_name: str = "") -> list[Recipe]:
         """Return the recipes of a skill, or all of them."""
-        [values] = await self.session.call(LIBRARY, "ListRecipes", SkillName=wire.string(skill_name))
-        return [wire.recipe_in(value) for value in values or ()]
+        [values] = await self.session.call(LIBRARY, "ListRecipes", SkillName=to_server.string(skill_name))
+        return [to_server.recipe_in(value) for value in values or ()]
 
     async def delete_recipe(self, recipe_id: str) -> None:
         """Delete a recipe."""
-        await self.session.call(LIBRARY, "DeleteRecipe", RecipeId=wire.string(recipe_id))
+        await self.session.call(LIBRARY, "DeleteRecipe", RecipeId=to_server.string(recipe_id))
 
     async def job(self, job_id: str) -> JobReport:
         """Return the report of a learning job; for a motion ask its workstation."""
@@ -334,9 +336,9 @@ class SkillClient:
     async def audit_trail(self, before: int = 0, limit: int = 100) -> list[AuditEntry]:
         """Return the newest entries of the audit trail, or those before an entry, the newest first."""
         [values] = await self.session.call(
-            LIBRARY, "GetAuditTrail", Before=wire.uint64(before), Limit=wire.uint32(limit)
+            LIBRARY, "GetAuditTrail", Before=to_server.uint64(before), Limit=to_server.uint32(limit)
         )
-        return [wire.audit_entry_in(value) for value in values or ()]
+        return [to_server.audit_entry_in(value) for value in values or ()]
 
     async def sessions(self) -> list[OpenSession]:
         """Return who is signed in, the oldest session first."""
@@ -354,7 +356,7 @@ class SkillClient:
     async def _sessions(self) -> list[tuple[OpenSession, ua.NodeId]]:
         told = await self.session.call(LIBRARY, "ListSessions")
         return [
-            (OpenSession(wire.identifier(node), user, role, program, address, wire.moment(since), idle), node)
+            (OpenSession(to_server.identifier(node), user, role, program, address, to_server.moment(since), idle), node)
             for node, user, role, program, address, since, idle in zip(*(values or () for values in told), strict=True)
         ]
 

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from models.demonstration import Floats
-from opcua_skill.client import wire
 from opcua_skill.client.checking import RunCheck, ask_check
 from opcua_skill.client.errors import WrongArgument
 from opcua_skill.client.recorder import Recorder
 from opcua_skill.client.session import Session
-from opcua_skill.client.values import (
+from opcua_skill.wire import to_server
+from opcua_skill.wire.values import (
     MODES,
     ArmLinks,
     JobReport,
@@ -60,8 +60,8 @@ class LockReading:
 
 async def ask_report(session: Session, place: str, job_id: str) -> JobReport:
     """Return a job's report from the library or a workstation."""
-    [value] = await session.call(place, "GetJob", JobId=wire.string(job_id))
-    return wire.job_in(value)
+    [value] = await session.call(place, "GetJob", JobId=to_server.string(job_id))
+    return to_server.job_in(value)
 
 
 class Workstation:
@@ -83,9 +83,9 @@ class Workstation:
         job_id, state = await self.session.call(
             self.path,
             "ExecuteSkill",
-            SkillName=wire.string(skill_name),
-            RecipeId=wire.string(recipe_id),
-            Mode=wire.int32(MODES.index(mode)),
+            SkillName=to_server.string(skill_name),
+            RecipeId=to_server.string(recipe_id),
+            Mode=to_server.int32(MODES.index(mode)),
         )
         return Started(job_id, state)
 
@@ -106,7 +106,9 @@ class Workstation:
         return await self._steer("AbortJob", job_id, comment)
 
     async def _steer(self, method: str, job_id: str, comment: str) -> str:
-        [state] = await self.session.call(self.path, method, JobId=wire.string(job_id), Comment=wire.string(comment))
+        [state] = await self.session.call(
+            self.path, method, JobId=to_server.string(job_id), Comment=to_server.string(comment)
+        )
         return state
 
     async def job(self, job_id: str) -> JobReport:
@@ -115,23 +117,25 @@ class Workstation:
 
     async def jobs(self, state: str = "", limit: int = 100) -> list[JobReport]:
         """Return the newest jobs, of one state if given."""
-        [values] = await self.session.call(self.path, "ListJobs", State=wire.string(state), Limit=wire.uint32(limit))
-        return [wire.job_in(value) for value in values or ()]
+        [values] = await self.session.call(
+            self.path, "ListJobs", State=to_server.string(state), Limit=to_server.uint32(limit)
+        )
+        return [to_server.job_in(value) for value in values or ()]
 
     async def trace(self, job_id: str) -> JobTrace:
         """Return what was commanded and measured during a job."""
-        times, commanded, measured = await self.session.call(self.path, "GetTrace", JobId=wire.string(job_id))
+        times, commanded, measured = await self.session.call(self.path, "GetTrace", JobId=to_server.string(job_id))
         return JobTrace(
             np.asarray(times or [], dtype=np.float64),
-            wire.matrix(commanded, len(times or [])),
-            wire.matrix(measured, len(times or [])),
+            to_server.matrix(commanded, len(times or [])),
+            to_server.matrix(measured, len(times or [])),
         )
 
     async def joint_trace(self, job_id: str) -> JointTrace:
         """Return the joints that were commanded and measured during a job."""
-        times, commanded, measured = await self.session.call(self.path, "GetJointTrace", JobId=wire.string(job_id))
+        times, commanded, measured = await self.session.call(self.path, "GetJointTrace", JobId=to_server.string(job_id))
         rows = len(times or [])
-        return JointTrace(np.asarray(times or []), wire.matrix(commanded, rows), wire.matrix(measured, rows))
+        return JointTrace(np.asarray(times or []), to_server.matrix(commanded, rows), to_server.matrix(measured, rows))
 
     async def links(self) -> ArmLinks:
         """Return the arm's links: what is needed to draw it."""
@@ -167,41 +171,41 @@ class Workstation:
         """Return whether the next job here may begin, and if not, why."""
         names = ("State", "HeldBecause", "HeldBy", "HeldSince", "Waiting")
         state, because, by, since, waiting = await self.session.read(*(f"{self.path}/Queue/{name}" for name in names))
-        return QueueStatus(state, because or "", by or "", wire.moment(since), int(waiting))
+        return QueueStatus(state, because or "", by or "", to_server.moment(since), int(waiting))
 
     async def release_queue(self, comment: str = "") -> str:
         """Let the next job begin; refused while the arm does not stand ready at home. Return the queue's state."""
-        [state] = await self.session.call(f"{self.path}/Queue", "ReleaseQueue", Comment=wire.string(comment))
+        [state] = await self.session.call(f"{self.path}/Queue", "ReleaseQueue", Comment=to_server.string(comment))
         return state
 
     async def hold_queue(self, comment: str = "") -> str:
         """Let no further job begin until the queue is released; what runs goes on. Return the queue's state."""
-        [state] = await self.session.call(f"{self.path}/Queue", "HoldQueue", Comment=wire.string(comment))
+        [state] = await self.session.call(f"{self.path}/Queue", "HoldQueue", Comment=to_server.string(comment))
         return state
 
     async def protective_stop(self, comment: str = "") -> None:
         """Stop the arm as fast as its limits allow; it refuses to move until `reset`. Not an emergency stop."""
-        await self.session.call(f"{self.path}/Arm", "ProtectiveStop", Comment=wire.string(comment))
+        await self.session.call(f"{self.path}/Arm", "ProtectiveStop", Comment=to_server.string(comment))
 
     async def reset(self, comment: str = "") -> None:
         """Acknowledge a protective stop or a fault."""
-        await self.session.call(f"{self.path}/Arm", "Reset", Comment=wire.string(comment))
+        await self.session.call(f"{self.path}/Arm", "Reset", Comment=to_server.string(comment))
 
     async def go_home(self, comment: str = "") -> None:
         """Move the arm slowly to where every run starts, after a stop on the path; returns when it begins to move."""
-        await self.session.call(f"{self.path}/Arm", "GoHome", Comment=wire.string(comment))
+        await self.session.call(f"{self.path}/Arm", "GoHome", Comment=to_server.string(comment))
 
     async def stop_motion(self, comment: str = "") -> None:
         """Bring whatever moves the arm to rest on its path and hold the queue; no reset is needed afterwards."""
-        await self.session.call(f"{self.path}/Arm", "StopMotion", Comment=wire.string(comment))
+        await self.session.call(f"{self.path}/Arm", "StopMotion", Comment=to_server.string(comment))
 
     async def set_speed_override(self, fraction: float) -> None:
         """Slow the arm down, or let it go faster again: a fraction of the planned speed, above 0, up to 1."""
-        await self.session.write(f"{self.path}/Arm/SpeedOverride", wire.double(fraction))
+        await self.session.write(f"{self.path}/Arm/SpeedOverride", to_server.double(fraction))
 
     async def lock(self, context: str = "") -> bool:
         """Take the arm for this session, until `unlock` or its end; return whether it is ours now."""
-        [status] = await self.session.call(f"{self.path}/Arm/Lock", "InitLock", Context=wire.string(context))
+        [status] = await self.session.call(f"{self.path}/Arm/Lock", "InitLock", Context=to_server.string(context))
         return status == 0
 
     async def lock_state(self) -> LockReading:

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from opcua_skill.commands.connection import Json
-from opcua_skill.commands.faults import Fault
-from opcua_skill.commands.output import note, print_json, say, screen, table
+from opcua_skill.commands.options.client import Json
+from opcua_skill.commands.terminal.errors import Fault
+from opcua_skill.commands.terminal.output import note, print_json, say, screen, table
 
 if TYPE_CHECKING:
     from sim.arm_model import Floats
@@ -165,8 +165,8 @@ def _flange(file: Path, joints_of: str) -> "tuple[Floats, Floats]":
     import numpy as np
     from scipy.spatial.transform import Rotation
 
-    from sim.arms import load
-    from sim.kinematics import kinematics
+    from sim.planning.kinematics import kinematics
+    from sim.robots import load
 
     rows = _rows(file)
     if joints_of:

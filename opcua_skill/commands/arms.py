@@ -1,11 +1,11 @@
 """Which arm moves which workstation."""
 
-from opcua_skill.commands.faults import Fault
+from opcua_skill.commands.terminal.errors import Fault
+from opcua_skill.configuration.settings import Settings
 from opcua_skill.jobs.station import model_of
-from opcua_skill.settings import Settings
 from sim.arm import Arm
 from sim.drivers import SIMULATIONS, driver_named, simulation
-from sim.imperfection import Imperfection
+from sim.testing.disturbances import Imperfection
 
 
 class Arms:

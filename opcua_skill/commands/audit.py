@@ -4,9 +4,9 @@ from typing import Annotated
 
 import typer
 
-from opcua_skill.commands.configuration import Config, Data, load_settings, with_library
-from opcua_skill.commands.connection import Json
-from opcua_skill.commands.output import print_json, show_table, table, when
+from opcua_skill.commands.options.client import Json
+from opcua_skill.commands.options.server import Config, Data, load_settings, with_library
+from opcua_skill.commands.terminal.output import print_json, show_table, table, when
 
 
 def audit(

@@ -6,17 +6,17 @@ from typing import Annotated
 
 import typer
 
-from opcua_skill.commands.configuration import Config, Data, data_options, load_settings
-from opcua_skill.commands.connection import Json
-from opcua_skill.commands.faults import Fault
-from opcua_skill.commands.output import counted, note, print_json, say
+from opcua_skill.commands.options.client import Json
+from opcua_skill.commands.options.server import Config, Data, data_options, load_settings
+from opcua_skill.commands.terminal.errors import Fault
+from opcua_skill.commands.terminal.output import counted, note, print_json, say
 
 Folder = Annotated[Path, typer.Argument(metavar="DIR", help="folder of the backup")]
 
 
 def backup(folder: Folder, data: Data = None, config: Config = None, as_json: Json = False) -> None:
     """Copy library, certificates and traces into a new folder, also while the server runs, and check the copy."""
-    from opcua_skill.backups import BackupFault, make_backup
+    from opcua_skill.backup.backups import BackupFault, make_backup
 
     settings = load_settings(config, data=data)
     try:
@@ -33,9 +33,9 @@ def backup(folder: Folder, data: Data = None, config: Config = None, as_json: Js
 
 def restore(folder: Folder, data: Data = None, config: Config = None, as_json: Json = False) -> None:
     """Put a backup into a data folder that holds nothing yet; it is checked first, and no server may run there."""
-    from opcua_skill import restoring
-    from opcua_skill.backups import BackupFault
-    from opcua_skill.data_lock import ServedAlready
+    from opcua_skill.backup import restoring
+    from opcua_skill.backup.backups import BackupFault
+    from opcua_skill.configuration.data_lock import ServedAlready
 
     settings = load_settings(config, data=data)
     try:

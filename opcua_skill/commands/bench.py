@@ -11,9 +11,9 @@ from typing import Annotated, Any
 
 import typer
 
-from opcua_skill.commands.connection import Json
-from opcua_skill.commands.faults import Fault
-from opcua_skill.commands.output import note, print_json, show_table, table
+from opcua_skill.commands.options.client import Json
+from opcua_skill.commands.terminal.errors import Fault
+from opcua_skill.commands.terminal.output import note, print_json, show_table, table
 
 ROOT = Path(__file__).resolve().parents[2]
 PLANNED = ("learning", "execution", "server", "start", "panel", "faces", "plant")

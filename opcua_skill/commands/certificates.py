@@ -5,15 +5,15 @@ from typing import Annotated
 
 import typer
 
-from opcua_skill.commands.configuration import Config, Data, load_settings
-from opcua_skill.commands.connection import Json
-from opcua_skill.commands.faults import Fault
-from opcua_skill.commands.output import note, print_json, say, show_table, table, when
+from opcua_skill.commands.options.client import Json
+from opcua_skill.commands.options.server import Config, Data, load_settings
+from opcua_skill.commands.terminal.errors import Fault
+from opcua_skill.commands.terminal.output import note, print_json, say, show_table, table, when
 from opcua_skill.commands.trail import entry, record
+from opcua_skill.configuration.settings import Settings
 from opcua_skill.security import ListedCertificate, TrustList
 from opcua_skill.security.chains import CertificateFault
 from opcua_skill.security.trust import certificate_in
-from opcua_skill.settings import Settings
 
 app = typer.Typer(no_args_is_help=True, help="Certificates, on the data folder of a server.")
 
@@ -47,7 +47,7 @@ def trust_list(settings: Settings, *, make: bool = False) -> TrustList:
 def show(data: Data = None, config: Config = None, as_json: Json = False) -> None:
     """Show the server's certificate, and what others may read that they should not; made if there is none yet."""
     from library.private_files import loose
-    from opcua_skill.data_lock import database_file
+    from opcua_skill.configuration.data_lock import database_file
     from opcua_skill.security import ensure_server_certificate
 
     settings = load_settings(config, data=data)

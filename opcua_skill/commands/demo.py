@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from opcua_skill.commands.connection import Json
-from opcua_skill.commands.faults import Fault
+from opcua_skill.commands.options.client import Json
+from opcua_skill.commands.terminal.errors import Fault
 
 
 class People(StrEnum):

@@ -10,7 +10,7 @@ import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from opcua_skill.client import JobReport, JobTrace, Refused, SkillClient, Workstation
-from opcua_skill.commands.connection import (
+from opcua_skill.commands.options.client import (
     DEFAULT_SERVER,
     Comment,
     Json,
@@ -20,8 +20,8 @@ from opcua_skill.commands.connection import (
     User,
     with_client,
 )
-from opcua_skill.commands.faults import Fault
-from opcua_skill.commands.output import counted, millimetres, notes, print_json, say, show_table, table, when
+from opcua_skill.commands.terminal.errors import Fault
+from opcua_skill.commands.terminal.output import counted, millimetres, notes, print_json, say, show_table, table, when
 
 app = typer.Typer(no_args_is_help=True, help="Jobs: look, pause, resume, abort, read the trace.")
 JobId = Annotated[str, typer.Argument(metavar="ID", help="id of the job")]

@@ -6,9 +6,9 @@ from typing import Annotated
 
 import typer
 
-from opcua_skill.commands.connection import DEFAULT_SERVER, Server
-from opcua_skill.commands.faults import Fault
-from opcua_skill.commands.output import note, say
+from opcua_skill.commands.options.client import DEFAULT_SERVER, Server
+from opcua_skill.commands.terminal.errors import Fault
+from opcua_skill.commands.terminal.output import note, say
 
 
 def panel(

@@ -7,18 +7,18 @@ from pathlib import Path
 
 from library.description import SkillDescription
 from opcua_skill.client import Recipe, Skill
-from opcua_skill.commands.drawing import order_of
-from opcua_skill.commands.faults import Fault
-from opcua_skill.commands.output import plain
+from opcua_skill.commands.terminal.drawing import order_of
+from opcua_skill.commands.terminal.errors import Fault
+from opcua_skill.commands.terminal.output import plain
+from opcua_skill.configuration.settings import Settings
 from opcua_skill.jobs.station import cell_of, model_of
 from opcua_skill.programs.making import language_of, program_of
 from opcua_skill.programs.values import Comparison, Header, Language, Options, ProgramRefused
-from opcua_skill.settings import Settings
 from sim.arm_model import ArmModel
-from sim.arms import load
-from sim.checks import MotionRefused
-from sim.clearance import Cell
-from sim.planner import plan_motion
+from sim.findings import MotionRefused
+from sim.planning.clearance import Cell
+from sim.planning.planner import plan_motion
+from sim.robots import load
 
 
 def place_of(arm: str, config: Path | None, workstation: str) -> tuple[ArmModel, Cell | None]:

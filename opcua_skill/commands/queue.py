@@ -3,8 +3,8 @@
 import typer
 
 from opcua_skill.client import QueueStatus, SkillClient
-from opcua_skill.commands.connection import DEFAULT_SERVER, Comment, Json, On, Server, User, with_client
-from opcua_skill.commands.output import print_json, say, show_table, table, when
+from opcua_skill.commands.options.client import DEFAULT_SERVER, Comment, Json, On, Server, User, with_client
+from opcua_skill.commands.terminal.output import print_json, say, show_table, table, when
 
 app = typer.Typer(no_args_is_help=True, help="The queue of a workstation: look, release, hold.")
 

@@ -10,10 +10,10 @@ import typer
 from pydantic.alias_generators import to_snake
 
 from opcua_skill.client import Recipe, Skill, SkillClient
-from opcua_skill.commands.connection import DEFAULT_SERVER, Json, On, Output, Server, User, Version, with_client
-from opcua_skill.commands.faults import Fault
-from opcua_skill.commands.fields import made_of
-from opcua_skill.commands.output import plain, print_json, say, show_table, table
+from opcua_skill.commands.options.client import DEFAULT_SERVER, Json, On, Output, Server, User, Version, with_client
+from opcua_skill.commands.terminal.errors import Fault
+from opcua_skill.commands.terminal.fields import made_of
+from opcua_skill.commands.terminal.output import plain, print_json, say, show_table, table
 
 app = typer.Typer(no_args_is_help=True, help="Recipes: time step, speed, frame and heights of a run.")
 RecipeId = Annotated[str, typer.Argument(metavar="ID", help="id of the recipe")]
@@ -108,7 +108,7 @@ def picture(
     as_json: Json = False,
 ) -> None:
     """Plan a run of a recipe here and draw it: the path to scale, and the arm at work."""
-    from opcua_skill.commands.drawing import drawn
+    from opcua_skill.commands.terminal.drawing import drawn
 
     async def work(client: SkillClient) -> tuple[Recipe, Skill]:
         recipe = await client.recipe(recipe_id)

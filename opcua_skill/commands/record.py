@@ -15,10 +15,7 @@ from rich.text import Text
 
 from models.demonstration import Demonstration
 from opcua_skill.client import Recorder, Skill, SkillClient
-from opcua_skill.commands.connection import DEFAULT_SERVER, Json, On, Server, User, with_client
-from opcua_skill.commands.faults import Fault
-from opcua_skill.commands.output import counted, millimetres, note, notes, print_json, say, show_table, table
-from opcua_skill.commands.reading import Marker, OnePlane, Placing, Topic, ToPlate, Unit, UpAxis, choices_of, read_files
+from opcua_skill.commands.options.client import DEFAULT_SERVER, Json, On, Server, User, with_client
 from opcua_skill.commands.skills import (
     Option,
     SemanticType,
@@ -27,6 +24,19 @@ from opcua_skill.commands.skills import (
     made_of_it,
     say_learned,
     summary,
+)
+from opcua_skill.commands.terminal.errors import Fault
+from opcua_skill.commands.terminal.output import counted, millimetres, note, notes, print_json, say, show_table, table
+from opcua_skill.commands.terminal.reading import (
+    Marker,
+    OnePlane,
+    Placing,
+    Topic,
+    ToPlate,
+    Unit,
+    UpAxis,
+    choices_of,
+    read_files,
 )
 from opcua_skill.gateway import (
     STOPPED,

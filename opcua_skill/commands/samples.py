@@ -6,9 +6,9 @@ from typing import Annotated
 
 import typer
 
-from opcua_skill.commands.connection import Json
-from opcua_skill.commands.faults import Fault
-from opcua_skill.commands.output import counted, print_json, say
+from opcua_skill.commands.options.client import Json
+from opcua_skill.commands.terminal.errors import Fault
+from opcua_skill.commands.terminal.output import counted, print_json, say
 
 
 class Shape(StrEnum):
@@ -27,7 +27,7 @@ def samples(
 ) -> None:
     """Write sample demonstrations of simulated people as CSV files, to try out teaching; files are not replaced."""
     from library.readers.plain_csv import write
-    from models.people import ZIGZAG, raster, simulated_people
+    from models.synthetic import ZIGZAG, raster, simulated_people
 
     corners = ZIGZAG if shape is Shape.ZIGZAG else raster(4)
     drawn, _ = simulated_people(people, seed, corners=corners)

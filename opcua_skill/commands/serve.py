@@ -12,11 +12,11 @@ from typing import Annotated
 import typer
 
 from library.private_files import KeyIsOpen
-from opcua_skill.commands.configuration import Config, Data, data_options, load_settings
-from opcua_skill.commands.faults import Fault
-from opcua_skill.commands.output import note, say
+from opcua_skill.commands.options.server import Config, Data, data_options, load_settings
+from opcua_skill.commands.terminal.errors import Fault
+from opcua_skill.commands.terminal.output import note, say
+from opcua_skill.configuration.settings import Settings
 from opcua_skill.security import CertificateUnusable
-from opcua_skill.settings import Settings
 
 log = logging.getLogger(__name__)
 
@@ -33,18 +33,18 @@ def serve(
     # What a start makes lives as long as the server. Looking through it for garbage would take a second of the start,
     # and later 0.4 s at a time in which nobody is served.
     gc.disable()
-    from opcua_skill.data_lock import ServedAlready
-    from opcua_skill.first_look import DataUnusable
+    from opcua_skill.configuration.data_lock import ServedAlready
+    from opcua_skill.server.first_look import DataUnusable
 
     settings = load_settings(config, data=data, endpoint=endpoint)
     os.umask(0o077)  # what a server writes is for its own user, also what its workers write
     logging.getLogger().setLevel(settings.log_level.upper())
     for name in ("asyncua", "sqlalchemy", "alembic"):
         logging.getLogger(name).setLevel(logging.WARNING)
-    import opcua_skill.server  # noqa: F401 - first, so that the workers have it all too
-    from opcua_skill import workers
+    import opcua_skill.server.app  # noqa: F401 - first, so that the workers have it all too
+    from opcua_skill.jobs import process_pool
 
-    workers.prepare(workers.PREPARED)
+    process_pool.prepare(process_pool.PREPARED)
     try:
         asyncio.run(keep_serving(settings, until_stdin_closes, data_options(settings, config)))
     except (ServedAlready, DataUnusable, CertificateUnusable, KeyIsOpen) as error:
@@ -59,7 +59,7 @@ async def keep_serving(settings: Settings, until_stdin_closes: bool, where: str)
     ``where`` are the options that lead other verbs to the same data.
     """
     from opcua_skill.commands.arms import Arms
-    from opcua_skill.server import SkillServerApp
+    from opcua_skill.server.app import SkillServerApp
 
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()

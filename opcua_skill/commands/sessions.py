@@ -5,9 +5,9 @@ from typing import Annotated
 import typer
 
 from opcua_skill.client import OpenSession, SkillClient
-from opcua_skill.commands.connection import DEFAULT_SERVER, Json, Server, User, with_client
-from opcua_skill.commands.faults import Fault
-from opcua_skill.commands.output import print_json, say, show_table, table, when
+from opcua_skill.commands.options.client import DEFAULT_SERVER, Json, Server, User, with_client
+from opcua_skill.commands.terminal.errors import Fault
+from opcua_skill.commands.terminal.output import print_json, say, show_table, table, when
 
 SHORT = 8
 app = typer.Typer(no_args_is_help=True, help="Sessions of a running server: who is signed in, and ending one.")

@@ -7,7 +7,7 @@ import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from opcua_skill.client import Learned, LearningOptions, Refused, Skill, SkillClient
-from opcua_skill.commands.connection import (
+from opcua_skill.commands.options.client import (
     DEFAULT_SERVER,
     Comment,
     Json,
@@ -18,11 +18,21 @@ from opcua_skill.commands.connection import (
     Version,
     with_client,
 )
-from opcua_skill.commands.faults import Fault
-from opcua_skill.commands.fields import made_of
-from opcua_skill.commands.output import counted, note, notes, print_json, say, show_table, table, when
-from opcua_skill.commands.quality import facts
-from opcua_skill.commands.reading import Marker, OnePlane, Placing, Topic, ToPlate, Unit, UpAxis, choices_of, read_files
+from opcua_skill.commands.terminal.errors import Fault
+from opcua_skill.commands.terminal.fields import made_of
+from opcua_skill.commands.terminal.output import counted, note, notes, print_json, say, show_table, table, when
+from opcua_skill.commands.terminal.quality import facts
+from opcua_skill.commands.terminal.reading import (
+    Marker,
+    OnePlane,
+    Placing,
+    Topic,
+    ToPlate,
+    Unit,
+    UpAxis,
+    choices_of,
+    read_files,
+)
 
 app = typer.Typer(no_args_is_help=True, help="Skills of the library: look, approve, deploy, exchange.")
 SkillName = Annotated[str, typer.Argument(metavar="SKILL", help="name of the skill")]
@@ -352,7 +362,7 @@ def plot(
     as_json: Json = False,
 ) -> None:
     """Draw a version: demonstrations, components and regression, the path alone."""
-    from opcua_skill.figures import learning_figure, view_of
+    from opcua_skill.client.figures import learning_figure, view_of
 
     async def work(client: SkillClient) -> Any:
         return await view_of(client, skill, version)

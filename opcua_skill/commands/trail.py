@@ -5,9 +5,9 @@ import os
 from typing import TYPE_CHECKING
 
 from library.errors import LibraryError
-from opcua_skill.commands.configuration import with_library
-from opcua_skill.commands.output import note
-from opcua_skill.settings import Settings
+from opcua_skill.commands.options.server import with_library
+from opcua_skill.commands.terminal.output import note
+from opcua_skill.configuration.settings import Settings
 
 if TYPE_CHECKING:
     from library.records import AuditEntry

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from library.names import doubles, same_user
-from opcua_skill.commands.configuration import Config, Data, load_settings, with_library
-from opcua_skill.commands.connection import Json
-from opcua_skill.commands.faults import Fault
-from opcua_skill.commands.output import counted, note, print_json, say, show_table, table, when
+from opcua_skill.commands.options.client import Json
+from opcua_skill.commands.options.server import Config, Data, load_settings, with_library
+from opcua_skill.commands.terminal.errors import Fault
+from opcua_skill.commands.terminal.output import counted, note, print_json, say, show_table, table, when
 from opcua_skill.commands.trail import ACTOR, entry
 from opcua_skill.security import hash_password, load_certificate
 from opcua_skill.security.access import Role

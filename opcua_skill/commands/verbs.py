@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from opcua_skill.commands.faults import Fault
+from opcua_skill.commands.terminal.errors import Fault
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,7 @@ from opcua_skill.client import ClientError
 from opcua_skill.demo.people import Shown, shown_by
 from opcua_skill.demo.pictures import draw
 from opcua_skill.demo.plant import Plant, panel_beside, running_plant
-from opcua_skill.demo.story import Outcome, Unmet, main_story
+from opcua_skill.demo.story import Outcome, StepFailed, main_story
 from opcua_skill.demo.telling import as_json, print_table
 
 
@@ -61,7 +61,7 @@ async def play(plant: Plant, shown: Shown, wishes: Wishes, step: "Steps") -> tup
     """Return what the story came to, and its pictures."""
     try:
         outcome = await main_story(plant, shown.demonstrations, step)
-    except Unmet as unmet:
+    except StepFailed as unmet:
         raise DemoFailed(str(unmet)) from None
     step("drawing", 0.0)
     return outcome, await draw(plant, outcome, wishes.arm, wishes.out)

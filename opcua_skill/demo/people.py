@@ -7,7 +7,7 @@ from pathlib import Path
 from library.errors import ReaderError
 from library.readers import fit_to_plate, lasa, read_all
 from models.demonstration import Demonstration
-from models.people import simulated_people
+from models.synthetic import simulated_people
 
 SHAPE = "WShape"
 PEOPLE = 20

@@ -3,9 +3,9 @@
 import asyncio
 from pathlib import Path
 
+from opcua_skill.client.figures import Run, learning_figure, runs_figure, view_of
 from opcua_skill.demo.plant import Plant, command, finished
 from opcua_skill.demo.story import PRESETS, SKILL, Outcome
-from opcua_skill.figures import Run, learning_figure, runs_figure, view_of
 
 
 async def draw(plant: Plant, outcome: Outcome, arm: str, folder: Path) -> list[Path]:

@@ -17,7 +17,7 @@ RUN_LIMIT = 300.0
 OnStep = Callable[[str, float], None]
 
 
-class Unmet(Exception):
+class StepFailed(Exception):
     """The story ended otherwise than it has to; the message says what did not hold."""
 
 
@@ -80,7 +80,7 @@ async def teach(teacher: SkillClient, preset: str, demonstrations: Sequence[Demo
         on_progress=lambda job: on_step(doing, job.progress),
     )
     if report.state != "Completed":
-        raise Unmet(f"learning with the {preset} preset ended {report.state}: {report.message or report.failure}")
+        raise StepFailed(f"learning with the {preset} preset ended {report.state}: {report.message or report.failure}")
     return await teacher.skill(SKILL, report.skill_version)
 
 
@@ -121,12 +121,12 @@ def held(runs: Sequence[Ran]) -> None:
     """Raise unless every run ended well, tracked its path, and differed from the other in its time steps."""
     for run in runs:
         if run.report.state != "Completed":
-            raise Unmet(
+            raise StepFailed(
                 f"recipe {run.recipe.recipe_id} ended {run.report.state}: {run.report.message or run.report.failure}"
             )
         if not run.report.tracking_error[0] <= TRACKING_LIMIT:
-            raise Unmet(
+            raise StepFailed(
                 f"recipe {run.recipe.recipe_id}: the arm was {run.report.tracking_error[0] * 1000:.3f} mm (RMS) off"
             )
     if len({run.report.samples for run in runs}) < len(runs):
-        raise Unmet("both recipes gave the same number of time steps")
+        raise StepFailed("both recipes gave the same number of time steps")

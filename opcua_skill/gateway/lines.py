@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from models.demonstration import Floats
-from opcua_skill.recording import FARTHEST, UNIT_TOLERANCE, Samples
+from opcua_skill.server.recording import FARTHEST, UNIT_TOLERANCE, Samples
 
 FORMAT = "[#number] t x y [z] [qx qy qz qw] trigger"
 BATCH_SAMPLES = 2_000

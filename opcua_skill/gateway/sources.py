@@ -11,7 +11,7 @@ import numpy as np
 
 from models.demonstration import Demonstration
 from opcua_skill.gateway.lines import BATCH_SAMPLES, FORMAT, Intake, Losses, parse
-from opcua_skill.recording import Samples
+from opcua_skill.server.recording import Samples
 
 BATCH_SECONDS = 0.1
 BETWEEN_FILES = 0.5

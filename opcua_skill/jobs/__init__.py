@@ -3,11 +3,8 @@
 Every change of state is written to the library before anybody is told.
 """
 
-from opcua_skill.computations import PlanRefused
 from opcua_skill.jobs.engine import JobEngine
-from opcua_skill.jobs.learning import LearningOutcome, LearningRequest
-from opcua_skill.jobs.motion_parameters import MOTION_PARAMETER_RANGES, motion_parameters
-from opcua_skill.jobs.reasons import (
+from opcua_skill.jobs.errors import (
     ArmNotReady,
     LacksAtomicSkill,
     LearningFailed,
@@ -15,7 +12,10 @@ from opcua_skill.jobs.reasons import (
     NotExecutable,
     QueueFull,
 )
+from opcua_skill.jobs.learning import LearningOutcome, LearningRequest
+from opcua_skill.jobs.motion_parameters import MOTION_PARAMETER_RANGES, motion_parameters
 from opcua_skill.jobs.station import ArmFactory, Station, ready_to_move
+from opcua_skill.jobs.worker_tasks import PlanRefused
 
 __all__ = [
     "MOTION_PARAMETER_RANGES",

@@ -4,12 +4,12 @@ import asyncio
 from dataclasses import dataclass
 
 from library.description import Recipe
-from opcua_skill.computations import PlanRefused
+from opcua_skill.jobs.errors import LacksAtomicSkill, NotExecutable, QueueFull
 from opcua_skill.jobs.execution import MODES, ExecutionJobs
 from opcua_skill.jobs.planning import Planning
-from opcua_skill.jobs.reasons import LacksAtomicSkill, NotExecutable, QueueFull
 from opcua_skill.jobs.run_card import RunCard
 from opcua_skill.jobs.station import Station
+from opcua_skill.jobs.worker_tasks import PlanRefused
 
 MOST_WAITING = 8
 

@@ -8,15 +8,15 @@ from library.description import JobReport, Recipe, SkillDescription
 from library.errors import LibraryUnusable
 from library.store import SkillLibrary
 from models.motion import Trajectory
-from opcua_skill.arm_queue import ArmQueue, QueueStatus
-from opcua_skill.computations import DocumentRefused, PlanRefused
+from opcua_skill.configuration.settings import Settings, Workstation
 from opcua_skill.jobs.checking import RunCheck, RunChecks
 from opcua_skill.jobs.execution import ExecutionJobs, Mode
 from opcua_skill.jobs.learning import LearningJobs, LearningOutcome, LearningRequest, Tell, TellVersion
+from opcua_skill.jobs.motion.motion_queue import MotionQueue
+from opcua_skill.jobs.motion.release import ArmQueue, QueueStatus
 from opcua_skill.jobs.planning import Planning
 from opcua_skill.jobs.station import ArmFactory, Station, atomic_skills_of, cell_of
-from opcua_skill.lane import Lane
-from opcua_skill.settings import Settings, Workstation
+from opcua_skill.jobs.worker_tasks import DocumentRefused, PlanRefused
 from sim.arm_model import ArmModel
 from sim.plan import MotionPlan
 
@@ -51,7 +51,7 @@ class JobEngine:
     def _station(self, settings: Workstation, model: ArmModel) -> Station:
         name, arm = settings.name, self._arm_factory(settings.name, False)
         queue = ArmQueue(name, self._library, self._tell_queue)
-        lane = Lane(
+        lane = MotionQueue(
             f"{name} arm",
             self._library,
             lambda: arm,
@@ -62,7 +62,7 @@ class JobEngine:
             keep_override=lambda: self.stations[name].keep_override(),
             may_still_run=lambda report: self._execution.may_still_run(self.stations[name], report),
         )
-        simulation = Lane(
+        simulation = MotionQueue(
             f"{name} simulation",
             self._library,
             lambda: self._arm_factory(name, True),

@@ -8,15 +8,15 @@ from typing import Literal
 from library.description import Cause, Failure, JobReport, JobState, Recipe, SkillDescription, VersionState
 from library.errors import Damaged
 from library.store import SkillLibrary
-from opcua_skill.computations import PlanRefused
+from opcua_skill.configuration.settings import Settings
+from opcua_skill.jobs.errors import LacksAtomicSkill, MotionNotPossible, NotExecutable, QueueFull
 from opcua_skill.jobs.ids import new_job_id
+from opcua_skill.jobs.motion.motion_queue import MotionQueue
+from opcua_skill.jobs.motion.run import NoLongerExecutable, QueuedMotion, slowed_to
 from opcua_skill.jobs.planning import Planning
-from opcua_skill.jobs.reasons import LacksAtomicSkill, MotionNotPossible, NotExecutable, QueueFull
 from opcua_skill.jobs.station import Station
-from opcua_skill.lane import Lane
-from opcua_skill.run import NotAnyMore, Order, slowed_to
-from opcua_skill.settings import Settings
-from sim.checks import Finding
+from opcua_skill.jobs.worker_tasks import PlanRefused
+from sim.findings import Finding
 
 Mode = Literal["simulation", "test", "production"]
 MODES: tuple[Mode, ...] = ("simulation", "test", "production")
@@ -85,7 +85,7 @@ class ExecutionJobs:
             lane.release()
             raise
         await self._tell(report)
-        lane.put(Order(report.job_id, planned, notes))
+        lane.put(QueuedMotion(report.job_id, planned, notes))
         return report
 
     @staticmethod
@@ -95,7 +95,7 @@ class ExecutionJobs:
         if missing:
             raise LacksAtomicSkill(f"{station.name} lacks the atomic skill {', '.join(sorted(missing))}")
 
-    def _room_on(self, lane: Lane) -> None:
+    def _room_on(self, lane: MotionQueue) -> None:
         if lane.waiting >= self._settings.limits.max_queued_jobs:
             raise QueueFull(f"as many jobs as may wait do, {lane.waiting}: try again when one has ended")
 
@@ -144,10 +144,10 @@ class ExecutionJobs:
         name, version = report.skill_name, report.skill_version
         if report.mode == "production" and await self._library.deployed(name, station.name) != version:
             reason = f"{name} version {version} is not deployed on {station.name} any more"
-            raise NotAnyMore(Failure.NOT_DEPLOYED, reason)
+            raise NoLongerExecutable(Failure.NOT_DEPLOYED, reason)
         state = (await self._library.description(name, version)).state
         if state is not VersionState.APPROVED:
-            raise NotAnyMore(Failure.NOT_APPROVED, f"{name} version {version} is {state.value} by now")
+            raise NoLongerExecutable(Failure.NOT_APPROVED, f"{name} version {version} is {state.value} by now")
 
 
 def _words(findings: Sequence[Finding]) -> str:

@@ -13,12 +13,12 @@ from library.store import SkillLibrary
 from models.demonstration import Demonstration, Edits
 from models.options import LearningOptions
 from models.report import LearnedMotion, Previous, mean_repeatability
-from opcua_skill.computations import LearningRefused, learn_skill, ready
+from opcua_skill.configuration.settings import Settings
+from opcua_skill.jobs.errors import LearningFailed, QueueFull
 from opcua_skill.jobs.ids import new_job_id
 from opcua_skill.jobs.motion_parameters import MOTION_PARAMETER_RANGES
-from opcua_skill.jobs.reasons import LearningFailed, QueueFull
-from opcua_skill.settings import Settings
-from opcua_skill.workers import WorkerDied, Workers, WorkerTimeout
+from opcua_skill.jobs.process_pool import WorkerDied, Workers, WorkerTimeout
+from opcua_skill.jobs.worker_tasks import LearningRefused, learn_skill, ready
 
 _log = logging.getLogger(__name__)
 

@@ -2,7 +2,13 @@
 
 from library.description import Recipe, SkillDescription
 from models.motion import Trajectory
-from opcua_skill.computations import (
+from opcua_skill.configuration.settings import Settings
+from opcua_skill.jobs.motion.run import QueuedMotion
+from opcua_skill.jobs.motion_parameters import motion_order
+from opcua_skill.jobs.process_pool import Workers
+from opcua_skill.jobs.run_card import RunCard, run_card
+from opcua_skill.jobs.station import Station
+from opcua_skill.jobs.worker_tasks import (
     DocumentRefused,
     PlanRefused,
     plan_record,
@@ -14,12 +20,6 @@ from opcua_skill.computations import (
     trajectory_of_plan,
     write_trace,
 )
-from opcua_skill.jobs.motion_parameters import motion_order
-from opcua_skill.jobs.run_card import RunCard, run_card
-from opcua_skill.jobs.station import Station
-from opcua_skill.run import Order
-from opcua_skill.settings import Settings
-from opcua_skill.workers import Workers
 from sim.arm import Trace
 from sim.plan import MotionPlan
 
@@ -117,7 +117,7 @@ class Planning:
         """Return the version in a document, or why it cannot be read or run."""
         return await self._reading.run("reading a document", read_document, content, longest, seconds=READING_SECONDS)
 
-    async def keep_trace(self, order: Order, trace: Trace) -> None:
+    async def keep_trace(self, order: QueuedMotion, trace: Trace) -> None:
         """Write the whole trace of a run into files, joints, valve and override too, and the plan that was run."""
         formats = self._settings.trace_files
         if formats:

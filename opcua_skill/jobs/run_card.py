@@ -9,12 +9,12 @@ from scipy.spatial.transform import Rotation
 
 from models.demonstration import Bools, Floats
 from models.motion import Motion
-from opcua_skill.computations import PlanRefused, plan_skill
+from opcua_skill.jobs.worker_tasks import PlanRefused, plan_skill
 from sim.arm_model import ArmModel
-from sim.checks import Finding
-from sim.clearance import Cell
+from sim.findings import Finding
 from sim.order import MotionOrder
 from sim.plan import MotionPlan
+from sim.planning.clearance import Cell
 
 SHOWN = 400
 

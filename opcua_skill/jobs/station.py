@@ -10,18 +10,18 @@ import numpy as np
 from library.description import Cause
 from library.errors import LibraryUnusable, NotAllowedInState
 from library.store import SkillLibrary
-from opcua_skill.arm_queue import PATIENCE, ArmQueue
-from opcua_skill.atomic_skills import motions_of
-from opcua_skill.endings import in_background, is_lost
-from opcua_skill.jobs.reasons import ArmNotReady
-from opcua_skill.lane import Lane
-from opcua_skill.settings import Workstation
-from sim import arms
+from opcua_skill.configuration.atomic_skills import motions_of
+from opcua_skill.configuration.settings import Workstation
+from opcua_skill.jobs.errors import ArmNotReady
+from opcua_skill.jobs.motion.completion import in_background, is_lost
+from opcua_skill.jobs.motion.motion_queue import MotionQueue
+from opcua_skill.jobs.motion.release import PATIENCE, ArmQueue
+from sim import robots
 from sim.arm import Arm, ArmError, ArmMode, ArmState
 from sim.arm_model import ArmModel
-from sim.checks import check_confirmed, check_hull
-from sim.clearance import Box, Cell
-from sim.gate import START_TOLERANCE
+from sim.drivers.preconditions import START_TOLERANCE
+from sim.planning.checks import check_confirmed, check_hull
+from sim.planning.clearance import Box, Cell
 
 ArmFactory = Callable[[str, bool], Arm]
 """Makes the arm of a workstation by name; True: a fresh simulation beside it, as fast as possible."""
@@ -42,8 +42,8 @@ class Station:
     arm: Arm
     atomic_skills: frozenset[str]
     queue: ArmQueue
-    lane: Lane
-    simulation: Lane
+    lane: MotionQueue
+    simulation: MotionQueue
     speed_override: float = 1.0
 
     @property
@@ -167,7 +167,7 @@ def model_of(workstation: Workstation) -> ArmModel:
     """
     tool = workstation.tool
     checked = workstation.collisions == "checked"
-    changes = arms.Changes(
+    changes = robots.Changes(
         workspace_low=workstation.workspace_low,
         workspace_high=workstation.workspace_high,
         home=workstation.home,
@@ -176,7 +176,7 @@ def model_of(workstation: Workstation) -> ArmModel:
         tool=tool.name if tool else "",
         collisions_checked=checked,
     )
-    model = arms.changed(arms.load(workstation.arm), changes)
+    model = robots.changed(robots.load(workstation.arm), changes)
     for finding in (*check_hull(model), *check_confirmed(model)):
         raise ValueError(finding.text)
     return model

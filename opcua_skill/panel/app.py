@@ -19,14 +19,14 @@ from nicegui import app, ui
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 
 from opcua_skill.panel.door import Door, browser_mark, version_number, way, within
-from opcua_skill.panel.frame import STATIC, framed
+from opcua_skill.panel.layout import STATIC, framed
 from opcua_skill.panel.pages.audit import audit_page
 from opcua_skill.panel.pages.library import library_page
 from opcua_skill.panel.pages.recipes import recipes_page
 from opcua_skill.panel.pages.records import records_page
-from opcua_skill.panel.pages.run import run_page
+from opcua_skill.panel.pages.run.page import run_page
 from opcua_skill.panel.pages.sign_in import sign_in_page
-from opcua_skill.panel.pages.skill import skill_page
+from opcua_skill.panel.pages.skill.page import skill_page
 from opcua_skill.panel.pages.teach import teach_page
 from opcua_skill.panel.sessions import LONGEST, Sessions
 

@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 
 from opcua_skill.programs.values import Language, Lines, Splines, Switch
 from sim.arm_model import ArmModel, Floats
-from sim.holding import quaternions
-from sim.kinematics import kinematics
 from sim.plan import MotionPlan
+from sim.planning.kinematics import kinematics
+from sim.planning.tool_orientation import quaternions
 
 # Moments looked at: twice a sample of the plan at least, and so close together that an arm's nozzle, at two metres per
 # second squared, is on the chord between them to a micrometre.

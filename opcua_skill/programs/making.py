@@ -12,8 +12,8 @@ from opcua_skill.programs.following import Followed, as_lines, as_splines, switc
 from opcua_skill.programs.registry import LANGUAGES
 from opcua_skill.programs.values import Comparison, Header, Language, Lines, Options, ProgramRefused, Splines
 from sim.arm_model import ArmModel, Floats
-from sim.kinematics import kinematics
 from sim.plan import MotionPlan
+from sim.planning.kinematics import kinematics
 
 # Of a plan's duration, and for the valve of the time a nozzle takes for the tolerance at its largest speed.
 TIMING = 0.01

@@ -21,17 +21,22 @@ from asyncua.ua.object_ids import ObjectIds as Ids
 from opcua_skill.security.access import SignIn
 from opcua_skill.security.certificates import ApplicationCertificate, ensure_server_certificate
 from opcua_skill.security.settings import SecuritySettings
-from opcua_skill.stack.audit import OnSignIn, OnWrite
-from opcua_skill.stack.calls import CallRecord, OnCall
-from opcua_skill.stack.capabilities import capabilities, product_version, tell
-from opcua_skill.stack.decoding import install
-from opcua_skill.stack.discovery import Registration
-from opcua_skill.stack.events import call_event, deliver
-from opcua_skill.stack.internal import SkillInternalServer
+from opcua_skill.stack.address_space.capabilities import capabilities, product_version, tell
+from opcua_skill.stack.address_space.events import call_event, deliver
+from opcua_skill.stack.address_space.standard_nodes import (
+    list_modelling_rules,
+    standard_values,
+    take_away,
+    tell_local_time,
+)
+from opcua_skill.stack.diagnostics.audit import OnSignIn, OnWrite
+from opcua_skill.stack.internal_server import SkillInternalServer
 from opcua_skill.stack.limits import Limits
-from opcua_skill.stack.server_methods import ServerMethods
-from opcua_skill.stack.standard_nodes import list_modelling_rules, standard_values, take_away, tell_local_time
-from opcua_skill.stack.transport import Acceptor, ReservedPort
+from opcua_skill.stack.services.calls import CallRecord, OnCall
+from opcua_skill.stack.services.discovery import Registration
+from opcua_skill.stack.services.server_methods import ServerMethods
+from opcua_skill.stack.transport.decoding import install
+from opcua_skill.stack.transport.transport import Acceptor, ReservedPort
 
 log = logging.getLogger(__name__)
 ASYNCUA_VERSION = "2.1.0"

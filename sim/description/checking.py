@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from sim import arms
+from sim import robots
 from sim.arm_model import ArmModel
-from sim.clearance import Cell, check_clearance, needle
 from sim.description import urdf
 from sim.description.capsules import beyond
 from sim.description.findings import ArmFinding, error, note, warning
 from sim.description.reach import grid, reachable
 from sim.description.shapes import Carried, carried
-from sim.kinematics import kinematics
+from sim.planning.clearance import Cell, check_clearance, needle
+from sim.planning.kinematics import kinematics
 
 # What a source says that says nothing.
 EMPTY_WORDS = frozenset({"", "x", "?", "-", "todo", "tbd", "unknown", "none", "source", "to be confirmed"})
@@ -38,7 +38,7 @@ def check_place(place: Path) -> dict[str, list[ArmFinding]]:
     if not place.is_dir():
         return {place.name: check_arm(place)}
     found = sorted({file.with_suffix("") for kind in ("*.urdf", "*.toml") for file in place.glob(kind)})
-    complete = arms.stems(place)
+    complete = robots.stems(place)
     if complete:
         found = complete
     if not found:
@@ -99,7 +99,7 @@ def check_arm(stem: Path) -> list[ArmFinding]:
     if not values or any(one.weight == "error" for one in found if one.code not in {"NoHull", "MeshMissing"}):
         return found
     try:
-        model = arms.read_files(stem)
+        model = robots.read_files(stem)
     except ValueError as wrong:
         return [*found, error("NotLoadable", stem.name, str(wrong))]
     return [*found, *_of_model(model, description, shapes)]
@@ -142,7 +142,7 @@ def _figures(description: urdf.Description, tip: str, values: dict[str, Any]) ->
     """Yield what is odd in the numbers of the limits file by themselves, and beside the URDF's."""
     moving = [joint for joint in description.chain(tip) if joint.moves]
     limits = _table(values, "limits")
-    for name, row in [*((row, limits.get(row)) for row in arms.ROWS), ("path", values.get("path"))]:
+    for name, row in [*((row, limits.get(row)) for row in robots.ROWS), ("path", values.get("path"))]:
         if not isinstance(row, dict):
             text = f"the limits file has no {name} limits: give it a table with the numbers and their source"
             yield error("NoLimits", name, text)
@@ -236,7 +236,7 @@ def _of_model(model: ArmModel, description: urdf.Description, shapes: list[Carri
     yield from _workspace(model)
     for tool in model.tools:
         try:
-            arms.changed(model, arms.Changes(tool=tool.name))
+            robots.changed(model, robots.Changes(tool=tool.name))
         except ValueError as wrong:
             yield error("NotLoadable", tool.name, str(wrong))
 

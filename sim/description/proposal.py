@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 
 from sim.arm_model import ArmModel, Bools, Capsule, Floats, Limits, PathLimits, Tool
-from sim.clearance import Cell, between_links, least_distances
 from sim.description import urdf
 from sim.description.capsules import Fit, fit
 from sim.description.findings import ArmFinding, error
 from sim.description.reach import grid, reachable, reaching, seeds
 from sim.description.shapes import carried
-from sim.kinematics import Kinematics
+from sim.planning.clearance import Cell, between_links, least_distances
+from sim.planning.kinematics import Kinematics
 
 DOWN = np.diag([1.0, -1.0, -1.0])
 FULL = 2.0 * math.pi

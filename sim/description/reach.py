@@ -3,7 +3,7 @@
 import numpy as np
 
 from sim.arm_model import Bools, Floats
-from sim.kinematics import Kinematics
+from sim.planning.kinematics import Kinematics
 
 SEEDS = 8
 NUMBER = 11

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from sim.arm_model import Floats
 from sim.description.findings import ArmFinding, error, note, warning
-from sim.kinematics import FEWEST_AXES, KINDS, MOST_AXES
+from sim.planning.kinematics import FEWEST_AXES, KINDS, MOST_AXES
 
 XACRO = "http://www.ros.org/wiki/xacro"
 UNIT = 1e-3

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from playwright.sync_api import expect
 
-from models.people import simulated_people
+from models.synthetic import simulated_people
 from opcua_skill.client import LearningOptions
 from tests.browser.conftest import FINGERS, PATIENCE, TABLET, TABLET_LYING, Screen, Screens, away_from_the_browser
 

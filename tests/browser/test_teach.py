@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from playwright.sync_api import expect
 
-from models.people import simulated_people
+from models.synthetic import simulated_people
 from tests.browser.conftest import FINGERS, TABLET, TABLET_LYING, Screen, Screens, away_from_the_browser
 from tests.browser.test_run import stroke
 

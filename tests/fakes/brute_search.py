@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from random_orders import Case
 from scipy.spatial.transform import Rotation
 
-from sim.checks import MOST_LEAN
-from sim.clearance import Cell, check_clearance, part_box
-from sim.holding import Holding
-from sim.kinematics import Kinematics, kinematics
-from sim.path import ToolPath
+from sim.planning.checks import MOST_LEAN
+from sim.planning.clearance import Cell, check_clearance, part_box
+from sim.planning.kinematics import Kinematics, kinematics
+from sim.planning.path import ToolPath
+from sim.planning.tool_orientation import Holding
 
 Floats = NDArray[np.float64]
 STARTS, STRIDE, TURN = 500, 2e-3, 0.04

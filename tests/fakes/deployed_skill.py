@@ -12,7 +12,7 @@ from library.store import SkillLibrary
 from models.demonstration import Edits
 from models.learning import learn
 from models.options import LearningOptions
-from sim.arms import load
+from sim.robots import load
 
 
 @lru_cache(maxsize=1)

@@ -10,9 +10,9 @@ import numpy as np
 
 from sim.arm import ArmFault, ArmMode, ArmState, CommandRefused, Progress, Stopped, Trace
 from sim.arm_model import ArmModel
-from sim.gate import check_start
-from sim.kinematics import kinematics
+from sim.drivers.preconditions import check_start
 from sim.plan import MotionPlan
+from sim.planning.kinematics import kinematics
 from sim.pose import pose_of
 
 AWAY = 0.3

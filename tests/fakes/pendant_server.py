@@ -11,9 +11,9 @@ import time
 from multiprocessing.connection import Connection
 from pathlib import Path
 
-from opcua_skill.server import SkillServerApp
-from opcua_skill.settings import Settings, Workstation
-from sim.arms import load
+from opcua_skill.configuration.settings import Settings, Workstation
+from opcua_skill.server.app import SkillServerApp
+from sim.robots import load
 from tests.fakes.pendant_arm import PendantArm
 
 SECONDS_OF_A_MOTION = 0.6

@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from models.learning import learn
 from models.motion import Motion
-from models.people import ZIGZAG, ZIGZAG_IN_SPACE, simulated_people
-from sim import arms
+from models.synthetic import ZIGZAG, ZIGZAG_IN_SPACE, simulated_people
+from sim import robots
 from sim.arm_model import ArmModel
 from sim.order import MotionOrder
 from sim.plan import MotionPlan
@@ -40,12 +40,12 @@ class Case:
 
 def own_arm(name: str) -> ArmModel:
     """Return an arm that is not shipped, with a hull."""
-    return arms.load(str(ROBOTS / name))
+    return robots.load(str(ROBOTS / name))
 
 
 def five_arms() -> tuple[ArmModel, ...]:
     """Return the shipped arms and two that are not."""
-    return (*(arms.load(name) for name in arms.names()), own_arm("ur5e"), own_arm("scara"))
+    return (*(robots.load(name) for name in robots.names()), own_arm("ur5e"), own_arm("scara"))
 
 
 @lru_cache(maxsize=8)

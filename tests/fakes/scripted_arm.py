@@ -8,8 +8,8 @@ import numpy as np
 
 from sim.arm import ArmFault, ArmMode, ArmState, CommandRefused, Progress, StartRefused, Stopped, Trace
 from sim.arm_model import ArmModel
-from sim.arms import load
 from sim.plan import MotionPlan
+from sim.robots import load
 
 STILL = ArmState(load("panda").home, (0.4, 0.0, 0.3, 1.0, 0.0, 0.0, 0.0), True, ArmMode.IDLE, False, "", True)
 

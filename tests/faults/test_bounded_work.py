@@ -14,7 +14,8 @@ import pytest_asyncio
 from asyncua import ua
 from small_corner import small_corner
 
-from opcua_skill.client import Refused, SkillClient, wire
+from opcua_skill.client import Refused, SkillClient
+from opcua_skill.wire import to_server
 
 if TYPE_CHECKING:
     from tests.conftest import Plant
@@ -35,10 +36,10 @@ async def people(plant: "Plant") -> AsyncIterator[dict[str, SkillClient]]:
 
 def trajectory(step: float) -> dict[str, ua.Variant]:
     return {
-        "SkillName": wire.string("long"),
-        "Version": wire.uint32(0),
-        "RecipeId": wire.string(""),
-        "TimeStep": wire.double(step),
+        "SkillName": to_server.string("long"),
+        "Version": to_server.uint32(0),
+        "RecipeId": to_server.string(""),
+        "TimeStep": to_server.double(step),
     }
 
 
@@ -109,14 +110,18 @@ async def test_a_document_that_cannot_be_run_is_refused_when_it_is_imported(
     what: str, people: dict[str, SkillClient], plant: "Plant"
 ) -> None:
     session = people["teacher"].session
-    version, like_json = wire.uint32(1), wire.string("json")
-    [content] = await session.call("SkillLibrary", "ExportSkill", N=wire.string("long"), V=version, F=like_json)
+    version, like_json = to_server.uint32(1), to_server.string("json")
+    [content] = await session.call("SkillLibrary", "ExportSkill", N=to_server.string("long"), V=version, F=like_json)
     before = await asyncio.to_thread(plant.counts)
     with pytest.raises(Refused) as refused:
-        await session.call("SkillLibrary", "ImportSkill", Content=wire.string(spoilt(content, what)), Format=like_json)
+        await session.call(
+            "SkillLibrary", "ImportSkill", Content=to_server.string(spoilt(content, what)), Format=like_json
+        )
     assert (refused.value.status, refused.value.argument) == ("BadInvalidArgument", "Content"), refused.value
     assert await asyncio.to_thread(plant.counts) == before
-    name, number = await session.call("SkillLibrary", "ImportSkill", Content=wire.string(content), Format=like_json)
+    name, number = await session.call(
+        "SkillLibrary", "ImportSkill", Content=to_server.string(content), Format=like_json
+    )
     assert (name, number > 1) == ("long", True), "a whole one is taken"
 
 
@@ -128,7 +133,7 @@ async def test_refusals_with_millions_of_characters_leave_little_in_the_log(
     client = visitor._client.uaclient
     for name in ["x" * 3_000_000] * 10 + ["x"] * 300:
         call = ua.CallMethodRequest(
-            visitor.node("SkillLibrary"), visitor.node("SkillLibrary/GetJob"), [wire.string(name)]
+            visitor.node("SkillLibrary"), visitor.node("SkillLibrary/GetJob"), [to_server.string(name)]
         )
         [result] = await client.call([call])
         assert result.StatusCode.name == "BadNotFound"

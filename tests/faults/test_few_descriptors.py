@@ -9,7 +9,7 @@ from pathlib import Path
 
 from benchmarks.start import answers
 from opcua_skill.demo.plant import free_port
-from opcua_skill.stack.transport import ROOM_FOR_FILES
+from opcua_skill.stack.transport.transport import ROOM_FOR_FILES
 
 LIMIT, FILES = 120.0, 96
 

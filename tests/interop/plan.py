@@ -6,7 +6,7 @@ from typing import Any
 
 from cryptography.hazmat.primitives import serialization
 
-from models.people import simulated_people
+from models.synthetic import simulated_people
 from opcua_skill.client import APPLICATION_URI
 from opcua_skill.security import load_certificate
 

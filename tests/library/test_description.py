@@ -166,8 +166,8 @@ LEARN = """
 from models.demonstration import Edits
 from models.learning import learn
 from models.options import LearningOptions
-from models.people import simulated_people
-from library.rows.learned import prepare
+from models.synthetic import simulated_people
+from library.queries.learned import prepare
 
 people, _ = simulated_people(4, seed=3)
 for options in (LearningOptions(), LearningOptions(preset="paper")):
@@ -199,7 +199,7 @@ def test_the_same_recordings_and_options_give_the_same_digest_in_another_process
 
 async def test_what_people_showed_comes_out_of_the_library_as_the_same_path(library: Any, teach: Any) -> None:
     from models.learning import learn
-    from models.people import simulated_people
+    from models.synthetic import simulated_people
 
     people, _ = simulated_people(4, seed=5)
     learned = learn(people)

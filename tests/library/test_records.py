@@ -11,9 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from library.errors import AlreadyExists, InUse, InvalidValue, NotFound
+from library.queries.audit import add as add_entry
 from library.recipe import Recipe
 from library.records import AuditEntry
-from library.rows.audit import add as add_entry
 from library.store import SkillLibrary
 
 

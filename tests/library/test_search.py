@@ -12,7 +12,7 @@ from sqlalchemy.dialects import postgresql
 from sqlalchemy.dialects import sqlite as sqlite_dialect
 
 from library.errors import InvalidValue
-from library.rows.search import page
+from library.queries.search import page
 from library.store import SkillLibrary
 
 SKILLS = 3000

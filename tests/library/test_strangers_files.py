@@ -15,7 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from library.errors import ReaderError
-from library.readers import Choices, Reader, read, read_apart, read_upload
+from library.readers import Choices, Reader, isolation, read, read_apart, read_upload
 from tests.library.capture_files import FRAMES, RATE, TIMES, WAYS, cells, trc
 
 Make = Callable[..., Path]
@@ -316,10 +316,9 @@ def test_what_a_process_read_is_what_stands_in_the_file(file: Make) -> None:
 
 
 def test_a_reader_that_never_ends_is_ended(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    from library.readers import apart
 
-    monkeypatch.setattr(apart, "LONGEST", 0.2)
-    monkeypatch.setattr(apart, "sys", type("Endless", (), {"executable": str(tmp_path / "endless")}))
+    monkeypatch.setattr(isolation, "LONGEST", 0.2)
+    monkeypatch.setattr(isolation, "sys", type("Endless", (), {"executable": str(tmp_path / "endless")}))
     (tmp_path / "endless").write_text("#!/bin/sh\nexec sleep 60\n")
     (tmp_path / "endless").chmod(0o700)
     began = time.monotonic()

@@ -7,8 +7,8 @@ from scipy.spatial import cKDTree
 from models.demonstration import Demonstration, Floats
 from models.evaluation import corner_error, end_error, frechet, path_rms, resampled, smoothness
 from models.learning import LearnedMotion, LearningOptions, VerdictKind, learn
-from models.people import ZIGZAG_IN_SPACE, raster, simulated_group, simulated_people, true_orientations
 from models.phase import arc_lengths
+from models.synthetic import ZIGZAG_IN_SPACE, raster, simulated_group, simulated_people, true_orientations
 
 EVEN = np.linspace(0.0, 1.0, 2001)
 SEEDS = (0, 1, 2)

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from models.alignment import costs, fastdtw_is_compiled, medoid, warp, warp_fast
-from models.placing import laid_upon, similarity
+from models.alignment.dtw import costs, fastdtw_is_compiled, medoid, warp, warp_fast
+from models.alignment.procrustes import laid_upon, similarity
 
 LAWS = settings(deadline=None, max_examples=60)
 

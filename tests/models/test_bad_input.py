@@ -11,7 +11,7 @@ from hypothesis.extra import numpy as hnp
 from models.demonstration import Demonstration, Edits
 from models.errors import SkillError
 from models.learning import LearnedMotion, LearningOptions, learn
-from models.people import simulated_people
+from models.synthetic import simulated_people
 
 PEOPLE, TRUTH = simulated_people(4, 0)
 RELAXED = settings(deadline=None, max_examples=16, suppress_health_check=list(HealthCheck))

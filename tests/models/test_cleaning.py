@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from models.cleaning import clean, continuous, moving_average
 from models.demonstration import Demonstration
-from models.despiking import reflections
 from models.errors import UnusableDemonstration
+from models.preprocessing.despiking import reflections
+from models.preprocessing.filtering import clean, continuous, moving_average
 
 LAWS = settings(deadline=None, max_examples=40)
 NOBODY: frozenset[int] = frozenset()

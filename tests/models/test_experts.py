@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from models.demonstration import Floats
 from models.evaluation import frechet, resampled
-from models.experts import JudgedFit, fit_handover
-from models.people import ZIGZAG, raster
+from models.mixture.gating import JudgedFit, fit_handover
+from models.synthetic import ZIGZAG, raster
 from models.yardstick import SHARE, WORST, MeanPath, mean_path, retimed
 
 LAWS = settings(deadline=None, max_examples=8)

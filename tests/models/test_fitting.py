@@ -5,21 +5,21 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from models.correspondence import Correspondence
+from models.alignment.aligned import AlignedDemonstrations
 from models.demonstration import Floats
 from models.evaluation import resampled
-from models.fitting import fit_path, mixture_of, timing
 from models.learning import LearningOptions, learn
+from models.mixture.fitting import fit_path, mixture_of, timing
+from models.mixture.gmr import CovarianceRule
 from models.motion import Motion
-from models.people import ZIGZAG, simulated_people
-from models.regression import CovarianceRule
+from models.synthetic import ZIGZAG, simulated_people
 from models.yardstick import retimed
 
 WITHIN: CovarianceRule = "within"
 DRAWN = [ZIGZAG, np.column_stack([np.linspace(0.0, 0.1, 50), 0.01 * np.sin(np.linspace(0.0, 6.0, 50))])]
 
 
-def drawn_by(truth: Floats, number: int, generator: np.random.Generator) -> Correspondence:
+def drawn_by(truth: Floats, number: int, generator: np.random.Generator) -> AlignedDemonstrations:
     """Return people, already aligned, who each miss the truth (n, d) by a place and slow waves of their own."""
     way = np.linspace(0.0, 1.0, len(truth))
     points = truth + generator.normal(0.0, 1e-3, (number, 1, 2))
@@ -27,10 +27,10 @@ def drawn_by(truth: Floats, number: int, generator: np.random.Generator) -> Corr
         sizes, others = generator.normal(0.0, 0.7e-3, (2, number, 1, 2))
         points += sizes * np.sin(np.pi * wave * way)[:, None] + others * np.cos(np.pi * wave * way)[:, None]
     times = np.broadcast_to(10.0 * way, points.shape[:2]).copy()
-    return Correspondence(points, times, np.ones_like(times), None, np.ones_like(times))
+    return AlignedDemonstrations(points, times, np.ones_like(times), None, np.ones_like(times))
 
 
-def learned(people: Correspondence) -> Motion:
+def learned(people: AlignedDemonstrations) -> Motion:
     fit, aligned, _ = fit_path(people, LearningOptions())
     duration, times = timing(aligned)
     mixture = mixture_of(fit, aligned, times, "path", duration)
@@ -60,7 +60,7 @@ def test_a_new_person_lies_within_one_two_and_three_deviations_as_often_as_foret
 def test_covariances_turn_with_the_plate(seed: int, angle: float) -> None:
     people = drawn_by(resampled(DRAWN[1], 200), 4, np.random.default_rng(seed))
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    turned = Correspondence(people.points @ turn.T, people.times, people.triggers, None, people.weights)
+    turned = AlignedDemonstrations(people.points @ turn.T, people.times, people.triggers, None, people.weights)
     phases = np.linspace(0.0, 1.0, 50)
     (one, spread), (other, turned_spread) = (learned(group).at_phases(phases) for group in (people, turned))
     np.testing.assert_allclose(other, one @ turn.T, atol=2e-4)

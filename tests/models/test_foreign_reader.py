@@ -9,7 +9,7 @@ import pytest
 
 from models.learning import LearningOptions, learn
 from models.motion import Motion
-from models.people import ZIGZAG_IN_SPACE, simulated_people
+from models.synthetic import ZIGZAG_IN_SPACE, simulated_people
 
 READERS = Path(__file__).parents[2] / "docs" / "reference" / "learning"
 

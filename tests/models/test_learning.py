@@ -19,13 +19,13 @@ from models.errors import (
     UnlikelyUnits,
 )
 from models.learning import LearningOptions, VerdictKind, learn, samples_along_path
-from models.people import simulated_people
+from models.synthetic import simulated_people
 
 ROOT = Path(__file__).parents[2]
 PROGRAM = """
 import hashlib
 from models.learning import LearningOptions, learn
-from models.people import simulated_people
+from models.synthetic import simulated_people
 for preset in ("recommended", "paper"):
     learned = learn(simulated_people(7, 3, reflections=True, early_release=1)[0],
     options=LearningOptions(preset=preset))

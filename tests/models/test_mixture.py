@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from models.mixture import fit_free, in_bins, priors
+from models.mixture.gmm import fit_free, in_bins, priors
 
 LAWS = settings(deadline=None, max_examples=40)
 

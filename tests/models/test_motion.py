@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from models.errors import InvalidModel
 from models.learning import LearningOptions, learn
 from models.motion import Motion
-from models.people import ZIGZAG_IN_SPACE, simulated_people
+from models.synthetic import ZIGZAG_IN_SPACE, simulated_people
 
 DEMONSTRATIONS, TRUTH = simulated_people(8, 1)
 LEARNED = {

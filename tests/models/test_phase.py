@@ -6,10 +6,10 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from models.cleaning import clean, travelled
 from models.demonstration import Demonstration
 from models.geometry import diagonal, norms
 from models.phase import arc_lengths, corners
+from models.preprocessing.filtering import clean, travelled
 
 LAWS = settings(deadline=None, max_examples=60)
 seeds = st.integers(0, 2**32 - 1)

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from models.demonstration import Floats
-from models.polygons import best_polygons
+from models.mixture.segmentation import best_polygons
 
 LAWS = settings(deadline=None, max_examples=40)
 seeds = st.integers(0, 2**32 - 1)

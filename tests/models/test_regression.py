@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from models.mixture import priors
-from models.regression import CovarianceRule, activations, conditional_covariances, regress, regress_mean
+from models.mixture.gmm import priors
+from models.mixture.gmr import CovarianceRule, activations, conditional_covariances, regress, regress_mean
 
 LAWS = settings(deadline=None, max_examples=60)
 models_drawn = st.tuples(st.integers(0, 2**32 - 1), st.integers(1, 12), st.integers(1, 7))

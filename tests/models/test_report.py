@@ -9,9 +9,9 @@ from models.comparison import distance
 from models.demonstration import Demonstration, Edits
 from models.errors import MixedDemonstrations, OptionOutOfRange
 from models.learning import LearnedMotion, LearningOptions, VerdictKind, learn
-from models.people import simulated_people
 from models.report import Previous, mean_repeatability
-from models.wording import what_it_did
+from models.screening.messages import what_it_did
+from models.synthetic import simulated_people
 
 PEOPLE, TRUTH = simulated_people(6, 0)
 FRAME = np.array([[0.005, 0.005], [0.06, 0.005], [0.06, 0.085], [0.005, 0.085]])

@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import cKDTree  # pyright: ignore[reportAttributeAccessIssue]
 
-from models.cleaning import clean
 from models.demonstration import Demonstration, Floats
 from models.learning import VerdictKind, learn
-from models.resting import waiting, without
+from models.preprocessing.filtering import clean
+from models.preprocessing.resting import waiting, without
 from tests.models.test_extent import SEAM, ZIGZAG, along
 
 WAVE = np.array([[0.1 * u, 0.025 * np.sin(2.0 * np.pi * u)] for u in np.linspace(0.0, 1.0, 60)])

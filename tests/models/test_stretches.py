@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from models.cleaning import CleanMotion, clean
-from models.correspondence import Fitted
 from models.demonstration import Demonstration
 from models.options import LearningOptions
-from models.people import simulated_people
-from models.recommended import fit_recommended
-from models.stretches import pauses
+from models.preprocessing.filtering import CleanMotion, clean
+from models.presets.fit_result import FitResult
+from models.presets.recommended import fit_recommended
+from models.screening.pauses import pauses
+from models.synthetic import simulated_people
 
 PEOPLE, TRUTH = simulated_people(6, 3)
 BRISK = np.linspace([0.0, 0.0], [0.06, 0.02], 400)
@@ -25,7 +25,7 @@ def cleaned(demonstration: Demonstration) -> CleanMotion:
     return clean(demonstration, frozenset(), 0.07, True)
 
 
-def fitted(first: np.ndarray) -> Fitted:
+def fitted(first: np.ndarray) -> FitResult:
     return fit_recommended([cleaned(one) for one in (drawn(first), *PEOPLE[1:])], LearningOptions(), lambda *_: None)
 
 

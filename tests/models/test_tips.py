@@ -5,13 +5,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from models.cleaning import CleanMotion
+from models.alignment.corners import laid_at_tips, sharp_corners
 from models.demonstration import Demonstration
 from models.evaluation import resampled
 from models.geometry import norms
 from models.learning import learn
-from models.people import ZIGZAG, raster
-from models.tips import laid_at_tips, sharp_corners
+from models.preprocessing.filtering import CleanMotion
+from models.synthetic import ZIGZAG, raster
 
 RATE = 100.0
 

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from models.cleaning import clean
 from models.demonstration import Demonstration, Floats
 from models.geometry import norms
 from models.learning import learn
 from models.phase import edges
+from models.preprocessing.filtering import clean
 from tests.models.test_extent import ZIGZAG, along
 from tests.models.test_resting import apart
 

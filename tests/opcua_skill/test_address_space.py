@@ -15,13 +15,13 @@ from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
 from small_corner import small_corner
 
 from library.store import SkillLibrary
-from opcua_skill.nodes import nodesets
+from opcua_skill.configuration.settings import Equipment, Settings, Workstation
 from opcua_skill.security import TrustList, ensure_client_certificate, hash_password
-from opcua_skill.server import SkillServerApp
-from opcua_skill.settings import Equipment, Settings, Workstation
+from opcua_skill.server import nodesets
+from opcua_skill.server.app import SkillServerApp
 from sim.arm import Arm
-from sim.arms import load
-from sim.kinematic_arm import KinematicArm
+from sim.drivers.kinematic.arm import KinematicArm
+from sim.robots import load
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
 PASSWORD = "correct horse battery"

@@ -2,7 +2,7 @@
 
 import pytest
 
-from opcua_skill.arm_lock import ArmLock, LockedByAnother
+from opcua_skill.security.arm_lock import ArmLock, LockedByAnother
 
 
 class Clock:

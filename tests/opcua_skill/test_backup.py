@@ -18,11 +18,11 @@ from small_corner import small_corner
 
 from library.recipe import Recipe
 from library.store import SkillLibrary
-from opcua_skill.backups import MANIFEST
+from opcua_skill.backup.backups import MANIFEST
 from opcua_skill.commands.verbs import status_of
-from opcua_skill.data_lock import DataLock
+from opcua_skill.configuration.data_lock import DataLock
+from opcua_skill.configuration.settings import Settings
 from opcua_skill.security import ensure_server_certificate
-from opcua_skill.settings import Settings
 
 if TYPE_CHECKING:
     from opcua_skill.client import SkillClient

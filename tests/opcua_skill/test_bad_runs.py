@@ -21,9 +21,10 @@ import pytest
 import pytest_asyncio
 from small_corner import small_corner
 
-from opcua_skill.client import ArmReading, JobReport, Recipe, Refused, SkillClient, wire
+from opcua_skill.client import ArmReading, JobReport, Recipe, Refused, SkillClient
 from opcua_skill.client.workstation import Workstation
-from sim.arms import load
+from opcua_skill.wire import to_server
+from sim.robots import load
 
 if TYPE_CHECKING:
     from tests.conftest import Plant
@@ -442,11 +443,11 @@ async def test_a_stored_row_that_cannot_be_read_is_a_fault_inside_with_an_id_in_
         await world.ended((await still.execute("corner", mode="simulation")).job_id, "still")
     table = statement.split()[1]
     arguments = (
-        {name: wire.string(value) for name, value in given(world).items()}
+        {name: to_server.string(value) for name, value in given(world).items()}
         if given
         else {
-            "State": wire.string(""),
-            "Limit": wire.uint32(1),
+            "State": to_server.string(""),
+            "Limit": to_server.uint32(1),
         }
     )
     with contextlib.closing(sqlite3.connect(world.plant.database, timeout=20.0)) as other:

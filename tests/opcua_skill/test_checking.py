@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from models.people import simulated_people
+from models.synthetic import simulated_people
 from opcua_skill.client import Recipe, Refused, SkillClient
-from sim.clearance import part_box
+from sim.planning.clearance import part_box
 from tests.conftest import Plant
 
 PEOPLE, _ = simulated_people(6)

@@ -9,8 +9,8 @@ from random_orders import ROBOTS
 from scipy.spatial.transform import Rotation
 
 from opcua_skill.commands.verbs import status_of
+from opcua_skill.configuration.settings import Workstation
 from opcua_skill.jobs.station import model_of
-from opcua_skill.settings import Workstation
 
 
 def said(capsys: pytest.CaptureFixture[str], *words: object, status: int = 0) -> str:

@@ -12,7 +12,7 @@ from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import rsa
 from cryptography.x509.oid import NameOID
 
-from opcua_skill.commands.configuration import data_options, load_settings
+from opcua_skill.commands.options.server import data_options, load_settings
 from opcua_skill.commands.verbs import status_of
 
 NOW, YEAR = datetime.now(UTC), timedelta(days=365)

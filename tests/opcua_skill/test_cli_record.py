@@ -23,7 +23,7 @@ import pytest
 from library.readers import read
 from library.readers.plain_csv import write
 from models.demonstration import Demonstration
-from models.people import simulated_people
+from models.synthetic import simulated_people
 from opcua_skill.commands.verbs import status_of
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ import pytest
 from random_orders import ROBOTS
 
 from library.readers.plain_csv import write
-from models.people import ZIGZAG_IN_SPACE, simulated_people
+from models.synthetic import ZIGZAG_IN_SPACE, simulated_people
 from opcua_skill.commands.verbs import status_of
 
 if TYPE_CHECKING:

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from asyncua import Node, ua
 
-from models.people import simulated_people
-from opcua_skill.client import ClientError, Failure, Refused, SkillClient, WrongArgument, structures, wire
+from models.synthetic import simulated_people
+from opcua_skill.client import ClientError, Failure, Refused, SkillClient, WrongArgument
+from opcua_skill.wire import structures, to_server
 from tests.conftest import Plant
 
 PEOPLE, _ = simulated_people(6)
@@ -92,7 +93,7 @@ async def test_a_workstation_that_there_is_not_is_told_with_those_there_are(mes:
     with pytest.raises(Refused, match="no workstation ws11"):
         await mes.follow("run-1", on="ws11")
     with pytest.raises(Refused, match="BadNotFound"):  # an unknown job is still an unknown job
-        await mes.session.call("Machines/ws1", "GetJob", JobId=wire.string("run-none"))
+        await mes.session.call("Machines/ws1", "GetJob", JobId=to_server.string("run-none"))
 
 
 async def test_the_example_of_the_events_runs_as_it_stands(plant: Plant, capsys: pytest.CaptureFixture[str]) -> None:

@@ -13,8 +13,9 @@ from hypothesis import strategies as st
 from library.description import Failure as StoredFailure
 from library.description import Recipe as StoredRecipe
 from models.demonstration import Demonstration
-from opcua_skill.client import Failure, Recipe, wire
-from opcua_skill.client.values import MODES
+from opcua_skill.client import Failure, Recipe
+from opcua_skill.wire import to_server
+from opcua_skill.wire.values import MODES
 
 
 def structures(name: str) -> type:
@@ -37,7 +38,7 @@ def test_a_demonstration_comes_back_as_it_was_sent(n: int, dimension: int, seed:
         operator="Jo",
         recorded_at=datetime(2026, 3, 1, tzinfo=UTC) if dated else None,
     )
-    back = wire.demonstration_in(wire.demonstration_out(structures, sent))
+    back = to_server.demonstration_in(to_server.demonstration_out(structures, sent))
     assert np.array_equal(back.times, sent.times)
     assert np.array_equal(back.points, sent.points)
     assert np.array_equal(back.triggers, sent.triggers)
@@ -46,7 +47,7 @@ def test_a_demonstration_comes_back_as_it_was_sent(n: int, dimension: int, seed:
 
 def test_arrays_leave_flat_and_row_major() -> None:
     sent = Demonstration("a", np.array([0.0, 1.0]), np.array([[1.0, 2.0], [3.0, 4.0]]), np.ones(2, bool))
-    out = wire.demonstration_out(structures, sent)
+    out = to_server.demonstration_out(structures, sent)
     assert out.Positions == [1.0, 2.0, 3.0, 4.0]
     assert out.Triggers == []
 
@@ -54,16 +55,16 @@ def test_arrays_leave_flat_and_row_major() -> None:
 @pytest.mark.parametrize("parameters", [{}, {"Pressure": 2.5, "Glue": "UV-17"}])
 def test_a_recipe_comes_back_as_it_was_sent(parameters: dict[str, float | str]) -> None:
     sent = replace(Recipe("r", "s", speed=0.05, frame=(0.1, 0.2, 0.3, 0, 0, 0, 1)), parameters=parameters)
-    assert wire.recipe_in(wire.recipe_out(structures, sent)) == sent
+    assert to_server.recipe_in(to_server.recipe_out(structures, sent)) == sent
 
 
 def test_the_null_date_is_no_date() -> None:
-    assert wire.moment(datetime(1601, 1, 1)) is None
-    assert wire.moment(datetime(2026, 1, 1)) == datetime(2026, 1, 1, tzinfo=UTC)
+    assert to_server.moment(datetime(1601, 1, 1)) is None
+    assert to_server.moment(datetime(2026, 1, 1)) == datetime(2026, 1, 1, tzinfo=UTC)
 
 
 def test_errors_not_measured_are_not_zero() -> None:
-    assert all(np.isnan(wire.pair([])))
+    assert all(np.isnan(to_server.pair([])))
 
 
 def test_modes_and_failures_have_the_order_of_the_interface() -> None:
@@ -73,7 +74,7 @@ def test_modes_and_failures_have_the_order_of_the_interface() -> None:
 
 
 def test_no_indices_are_still_an_array_of_uint32() -> None:
-    variant = wire.uint32_array([])
+    variant = to_server.uint32_array([])
     assert (variant.VariantType, variant.is_array) == (ua.VariantType.UInt32, True)
 
 

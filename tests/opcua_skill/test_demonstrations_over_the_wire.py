@@ -14,8 +14,9 @@ from asyncua import ua
 from scipy.spatial.transform import Rotation
 
 from models.demonstration import Demonstration, Edits, Floats
-from models.people import ZIGZAG_IN_SPACE, simulated_people, true_orientations
-from opcua_skill.client import LearningOptions, Refused, SkillClient, wire
+from models.synthetic import ZIGZAG_IN_SPACE, simulated_people, true_orientations
+from opcua_skill.client import LearningOptions, Refused, SkillClient
+from opcua_skill.wire import to_server
 
 if TYPE_CHECKING:
     from tests.conftest import Plant
@@ -74,10 +75,10 @@ async def call(client: SkillClient, name: str, sent: Sequence[Any]) -> list[Any]
         await client.session.call(
             LIBRARY,
             "LearnFromDemonstration",
-            SkillName=wire.string(name),
-            SemanticType=wire.string("Gluing"),
-            Demonstrations=wire.structure_array(sent),
-            Options=wire.structure(options),
+            SkillName=to_server.string(name),
+            SemanticType=to_server.string("Gluing"),
+            Demonstrations=to_server.structure_array(sent),
+            Options=to_server.structure(options),
         )
     )
 
@@ -118,7 +119,10 @@ async def test_a_skill_with_orientation_moves_to_another_library_bit_for_bit(cli
 
 async def test_a_recording_without_orientation_among_those_with_it_is_told(clients: Clients) -> None:
     mixed = [replace(POSED[0], orientations=None), *POSED[1:]]
-    assert type(wire.demonstration_out(clients.teacher.session.structure, mixed[0])).__name__ == "DemonstrationDataType"
+    assert (
+        type(to_server.demonstration_out(clients.teacher.session.structure, mixed[0])).__name__
+        == "DemonstrationDataType"
+    )
     await clients.teacher.learn_to_the_end("mixed", mixed, semantic_type="Gluing")
     skill = await clients.engineer.skill("mixed")
     assert not skill.motion().has_orientation

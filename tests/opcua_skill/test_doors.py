@@ -24,10 +24,10 @@ import numpy as np
 
 from library.readers.formats import Format
 from models.demonstration import Demonstration
-from models.paper import fit_as_published
+from models.presets.paper import fit_as_published
 from models.presets import Preset
 from opcua_skill.gateway import ReplaySource, SourceFault
-from sim.kinematic_arm import KinematicArm
+from sim.drivers.kinematic.arm import KinematicArm
 
 
 class Bench(KinematicArm):

@@ -8,8 +8,8 @@ from PIL import Image
 
 from models.demonstration import Demonstration
 from opcua_skill.client import JobTrace, Path, Recordings, Skill
-from opcua_skill.figure_parts import normals_along
-from opcua_skill.figures import Run, View, components, heading, learning_figure, runs_figure
+from opcua_skill.client.figure_parts import normals_along
+from opcua_skill.client.figures import Run, View, components, heading, learning_figure, runs_figure
 
 
 def view(dimension: int, clock: str, turned: bool = False) -> View:

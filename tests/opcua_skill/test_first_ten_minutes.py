@@ -16,7 +16,7 @@ from urllib.request import urlopen
 
 import pytest
 
-from opcua_skill.panel.german import GERMAN
+from opcua_skill.panel.translation.german import GERMAN
 from tests.conftest import free_port
 
 DOCS = Path(__file__).parents[2] / "docs"

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from models.demonstration import Demonstration
 from opcua_skill.client import Recorded, Refused
 from opcua_skill.gateway import Intake, Losses, ReplaySource, SourceFault, UdpSource, parse, pass_on
-from opcua_skill.recording import Samples
+from opcua_skill.server.recording import Samples
 
 TRACKER, STRANGER = ("127.0.0.1", 5000), ("127.0.0.1", 5001)
 RATE = 100.0

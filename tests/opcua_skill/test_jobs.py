@@ -13,6 +13,7 @@ from library.description import Cause, Failure, JobReport, JobState, Recipe, Ski
 from library.store import SkillLibrary
 from models.demonstration import Edits
 from models.options import LearningOptions
+from opcua_skill.configuration.settings import Equipment, Learning, Limits, Settings, Workstation
 from opcua_skill.jobs import (
     ArmNotReady,
     JobEngine,
@@ -23,7 +24,6 @@ from opcua_skill.jobs import (
     NotExecutable,
     QueueFull,
 )
-from opcua_skill.settings import Equipment, Learning, Limits, Settings, Workstation
 
 LIMIT = 60.0
 PEOPLE = small_corner(4)

@@ -16,13 +16,13 @@ from scripted_arm import STILL, ScriptedArm, trace
 from library.description import Cause, Failure, JobReport, JobState
 from library.errors import LibraryUnusable, NotAllowedInState
 from library.store import SkillLibrary
-from opcua_skill.arm_queue import ArmQueue, QueueStatus
-from opcua_skill.endings import is_lost
-from opcua_skill.lane import Lane
-from opcua_skill.run import NotAnyMore, Order
+from opcua_skill.jobs.motion.completion import is_lost
+from opcua_skill.jobs.motion.motion_queue import MotionQueue
+from opcua_skill.jobs.motion.release import ArmQueue, QueueStatus
+from opcua_skill.jobs.motion.run import NoLongerExecutable, QueuedMotion
 from sim.arm import ArmFault, ArmMode, StartRefused, Trace
 from sim.plan import MotionPlan
-from sim.planner import plan_home
+from sim.planning.planner import plan_home
 
 LIMIT = 10.0
 NO_PLAN = cast(MotionPlan, None)
@@ -47,7 +47,7 @@ class Bench:
     def __post_init__(self) -> None:
         self.checked.set()
         self.queue = ArmQueue("ws1", self.library, self.tell_queue)
-        self.lane = Lane(
+        self.lane = MotionQueue(
             "test",
             self.library,
             lambda: self.arm,
@@ -71,7 +71,7 @@ class Bench:
         self.at_check.set()
         await self.checked.wait()
         if self.not_any_more:
-            raise NotAnyMore(Failure.NOT_DEPLOYED, self.not_any_more)
+            raise NoLongerExecutable(Failure.NOT_DEPLOYED, self.not_any_more)
 
     async def tell_queue(self, _: str, status: QueueStatus) -> None:
         self.queues.append(status)
@@ -83,7 +83,7 @@ class Bench:
                 await asyncio.sleep(0.01)
         await self.queue.release("olga", lambda: self.lane.check_at_rest("the arm"))
 
-    async def keep(self, order: Order, trace: Trace) -> None:
+    async def keep(self, order: QueuedMotion, trace: Trace) -> None:
         self.kept[order.job_id] = trace
 
     async def tell(self, report: JobReport) -> None:
@@ -92,7 +92,7 @@ class Bench:
     async def ask(self, job_id: str, plan: MotionPlan = NO_PLAN) -> None:
         await self.library.add_job(JobReport(job_id=job_id, kind="Execution", workstation="ws1", mode="production"))
         self.lane.reserve()
-        self.lane.put(Order(job_id, plan))
+        self.lane.put(QueuedMotion(job_id, plan))
 
     async def state(self, job_id: str, *wanted: JobState) -> JobReport:
         async with asyncio.timeout(LIMIT):
@@ -630,7 +630,7 @@ async def test_a_fresh_arm_is_opened_and_closed_for_every_job(tmp_path: Path) ->
     library = await SkillLibrary.open(tmp_path / "skills.db")
     made = Bench(library, ScriptedArm())
     made.arm.finish.set()
-    made.lane = Lane("test", library, lambda: made.arm, made.tell, keep_trace=made.keep)
+    made.lane = MotionQueue("test", library, lambda: made.arm, made.tell, keep_trace=made.keep)
     made.lane.start()
     for name in ("one", "two"):
         await made.ask(name)

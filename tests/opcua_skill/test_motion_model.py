@@ -34,22 +34,22 @@ from pendant_arm import AWAY, PendantArm
 from library.description import Cause, JobState
 from library.errors import LibraryError, LibraryUnusable
 from library.store import SkillLibrary
-from opcua_skill import arm_queue, endings, lane, steering
-from opcua_skill.arm_lock import ArmLock
+from opcua_skill.configuration.settings import Limits, Settings, Workstation
 from opcua_skill.jobs import JobEngine
+from opcua_skill.jobs.motion import completion, motion_queue, release, steering
 from opcua_skill.jobs.planning import Planning
 from opcua_skill.jobs.station import Station
-from opcua_skill.methods.homing import HomingMethods
-from opcua_skill.methods.queue import QueueMethods
-from opcua_skill.methods.workstation import WorkstationMethods
 from opcua_skill.security.access import Caller, Role, calling_as
-from opcua_skill.settings import Limits, Settings, Workstation
-from opcua_skill.stack.calls import Refused
+from opcua_skill.security.arm_lock import ArmLock
+from opcua_skill.server.features.homing import HomingMethods
+from opcua_skill.server.features.queue import QueueMethods
+from opcua_skill.server.features.workstation import WorkstationMethods
+from opcua_skill.stack.services.calls import Refused
 from sim.arm import ArmError
-from sim.arms import load
 from sim.order import MotionOrder
 from sim.plan import MotionPlan
-from sim.planner import plan_home, plan_motion
+from sim.planning.planner import plan_home, plan_motion
+from sim.robots import load
 
 STEPS = int(os.environ.get("OPCUA_SKILL_MOTION_STEPS", "5000"))
 STEPS_A_DAY = 50
@@ -183,15 +183,15 @@ class Day(RuleBasedStateMachine):
         super().__init__()
         self.patience = pytest.MonkeyPatch()
         for place, name, value in (
-            (arm_queue, "PATIENCE", 0.01),
-            (lane, "PATIENCE", 0.01),
-            (lane, "LOOK_EVERY", 0.002),
-            (lane, "LOOK_EVERY_AT_REST", 0.002),
+            (release, "PATIENCE", 0.01),
+            (motion_queue, "PATIENCE", 0.01),
+            (motion_queue, "LOOK_EVERY", 0.002),
+            (motion_queue, "LOOK_EVERY_AT_REST", 0.002),
             (steering, "STOP_AGAIN", 0.002),
-            (endings, "WRITE_AGAIN", 0.002),
-            (endings, "WRITE_AGAIN_AT_MOST", 0.01),
-            (arm_queue, "WRITE_AGAIN", 0.002),
-            (arm_queue, "WRITE_AGAIN_AT_MOST", 0.01),
+            (completion, "WRITE_AGAIN", 0.002),
+            (completion, "WRITE_AGAIN_AT_MOST", 0.01),
+            (release, "WRITE_AGAIN", 0.002),
+            (release, "WRITE_AGAIN_AT_MOST", 0.01),
         ):
             self.patience.setattr(place, name, value)
         self.loop = JumpingLoop()

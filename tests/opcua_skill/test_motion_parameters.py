@@ -6,10 +6,10 @@ from small_corner import small_corner
 from library.description import Recipe
 from library.errors import InvalidValue
 from models.learning import learn
-from opcua_skill.computations import MOST_TIME_STEPS, time_steps
 from opcua_skill.jobs.motion_parameters import motion_order, motion_parameters
-from sim.checks import check_order
+from opcua_skill.jobs.worker_tasks import MOST_TIME_STEPS, time_steps
 from sim.order import MotionOrder
+from sim.planning.checks import check_order
 
 
 def recipe(**parameters: float | str) -> Recipe:

@@ -7,8 +7,8 @@ import pytest
 from asyncua import ua
 from asyncua.server.server import Server
 
-from opcua_skill.nodes.nodesets import NEEDED, Importer, node_set
-from opcua_skill.stack.values import node_id
+from opcua_skill.server.nodesets import NEEDED, Importer, node_set
+from opcua_skill.stack.address_space.values import node_id
 
 
 def references(server: Server) -> dict[str, list[str]]:

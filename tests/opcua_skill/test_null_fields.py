@@ -10,7 +10,8 @@ import pytest_asyncio
 from asyncua import ua
 from small_corner import small_corner
 
-from opcua_skill.client import LearningOptions, Refused, SkillClient, wire
+from opcua_skill.client import LearningOptions, Refused, SkillClient
+from opcua_skill.wire import to_server
 
 if TYPE_CHECKING:
     from tests.conftest import Plant
@@ -32,10 +33,10 @@ async def calls(client: SkillClient) -> dict[str, tuple[str, Make, Any]]:
     """Return for each structure that a method takes: the method, its arguments, and the structure within them."""
     structure = client.session.structure
     [recipe] = await client.recipes("corner")
-    stored = wire.recipe_out(structure, recipe)
+    stored = to_server.recipe_out(structure, recipe)
     stored.Parameters = [ua.KeyValuePair(ua.QualifiedName("corner_radius"), ua.Variant(0.001))]
-    options = wire.options_out(structure, LearningOptions())
-    shown = [wire.demonstration_out(structure, one) for one in small_corner()[:3]]
+    options = to_server.options_out(structure, LearningOptions())
+    shown = [to_server.demonstration_out(structure, one) for one in small_corner()[:3]]
     pose = structure("PoseDemonstrationDataType")(
         **{one.name: getattr(shown[0], one.name) for one in fields(shown[0])}, Orientations=[]
     )
@@ -43,15 +44,15 @@ async def calls(client: SkillClient) -> dict[str, tuple[str, Make, Any]]:
 
     def learning(first: Any, chosen: Any) -> dict[str, ua.Variant]:
         return {
-            "SkillName": wire.string("other"),
-            "SemanticType": wire.string("Gluing"),
-            "Demonstrations": wire.structure_array([first, *shown[1:]]),
-            "Options": wire.structure(chosen),
+            "SkillName": to_server.string("other"),
+            "SemanticType": to_server.string("Gluing"),
+            "Demonstrations": to_server.structure_array([first, *shown[1:]]),
+            "Options": to_server.structure(chosen),
         }
 
     return {
-        "recipe": ("PutRecipe", lambda: {"Recipe": wire.structure(stored)}, stored),
-        "parameter": ("PutRecipe", lambda: {"Recipe": wire.structure(stored)}, stored.Parameters[0].Key),
+        "recipe": ("PutRecipe", lambda: {"Recipe": to_server.structure(stored)}, stored),
+        "parameter": ("PutRecipe", lambda: {"Recipe": to_server.structure(stored)}, stored.Parameters[0].Key),
         "options": ("LearnFromDemonstration", lambda: learning(shown[0], options), options),
         "demonstration": ("LearnFromDemonstration", lambda: learning(shown[0], options), shown[0]),
         "pose": ("LearnFromDemonstration", lambda: learning(pose, options), pose),
@@ -61,10 +62,10 @@ async def calls(client: SkillClient) -> dict[str, tuple[str, Make, Any]]:
 
 def again(edit: Any) -> dict[str, ua.Variant]:
     return {
-        "SkillName": wire.string("corner"),
-        "Version": wire.uint32(1),
-        "Edits": wire.structure_array([edit]),
-        "Comment": wire.string(""),
+        "SkillName": to_server.string("corner"),
+        "Version": to_server.uint32(1),
+        "Edits": to_server.structure_array([edit]),
+        "Comment": to_server.string(""),
     }
 
 

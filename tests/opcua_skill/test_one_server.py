@@ -17,8 +17,8 @@ import pytest
 from library.records import JobReport, JobState
 from library.store import SkillLibrary
 from opcua_skill.commands.verbs import status_of
-from opcua_skill.data_lock import DataLock, ServedAlready, holder
-from opcua_skill.settings import Settings
+from opcua_skill.configuration.data_lock import DataLock, ServedAlready, holder
+from opcua_skill.configuration.settings import Settings
 from tests import prepared
 from tests.conftest import MakePlant, Plant, free_port
 
@@ -92,8 +92,8 @@ def test_a_taken_port_is_said_before_any_job_is_touched(plant: Plant, tmp_path: 
 HOLDS = """
 import sys, time
 from pathlib import Path
-from opcua_skill.data_lock import DataLock
-from opcua_skill.settings import Settings
+from opcua_skill.configuration.data_lock import DataLock
+from opcua_skill.configuration.settings import Settings
 DataLock(Settings(data=Path(sys.argv[1]))).take()
 print("taken", flush=True)
 time.sleep(600)

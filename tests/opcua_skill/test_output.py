@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import pytest
 from rich.console import Console
 
-from opcua_skill.commands import output
+from opcua_skill.commands.terminal import output
 from opcua_skill.jobs.ids import new_job_id
 
 HEADS = ("=job", "kind", "state", "=recipe", ">samples")

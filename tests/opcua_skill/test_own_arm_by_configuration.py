@@ -11,10 +11,10 @@ from random_orders import ROBOTS
 from small_corner import small_corner
 
 from opcua_skill.commands.arms import Arms
-from opcua_skill.commands.faults import Fault
+from opcua_skill.commands.terminal.errors import Fault
+from opcua_skill.configuration.settings import Settings, ToolTip, Workstation
 from opcua_skill.jobs.station import model_of
-from opcua_skill.settings import Settings, ToolTip, Workstation
-from sim.arms import load
+from sim.robots import load
 
 if TYPE_CHECKING:
     from tests.conftest import Plant

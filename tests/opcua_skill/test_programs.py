@@ -17,7 +17,7 @@ from opcua_skill.programs.values import Header, Options, ProgramRefused
 from sim.arm_model import ArmModel
 from sim.order import MotionOrder
 from sim.plan import MotionPlan
-from sim.planner import plan_motion
+from sim.planning.planner import plan_motion
 
 HEADER = Header("Zick(zack) – ü", 3, "a" * 64, "r1", "b" * 64, "c" * 64, "arm " + "d" * 16, "Erna, Jürgen")
 ORDER = MotionOrder(time_step=0.008, timing="constant_speed", speed=0.05, dispense_lead=0.03)

@@ -10,13 +10,13 @@ from asyncua import Client, ua
 from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
 
 from library.store import SkillLibrary
-from opcua_skill.health import Health
+from opcua_skill.configuration.settings import Security, Settings, Workstation
 from opcua_skill.security import TrustList, ensure_client_certificate, hash_password
 from opcua_skill.security.access import Role
-from opcua_skill.server import SkillServerApp
-from opcua_skill.settings import Security, Settings, Workstation
-from sim.arms import load
-from sim.kinematic_arm import KinematicArm
+from opcua_skill.server.app import SkillServerApp
+from opcua_skill.server.health import Health
+from sim.drivers.kinematic.arm import KinematicArm
+from sim.robots import load
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
 PASSWORD, URI = "correct horse battery", "urn:opcua-skill:test"

@@ -1,9 +1,9 @@
 """The quality report as an engineer reads it: every figure with its unit and place, nothing for what is not told."""
 
 from models.learning import LearningOptions, learn
-from models.people import simulated_people
 from models.report import Previous
-from opcua_skill.commands.quality import facts, mm
+from models.synthetic import simulated_people
+from opcua_skill.commands.terminal.quality import facts, mm
 
 PEOPLE, _ = simulated_people(5, 0)
 

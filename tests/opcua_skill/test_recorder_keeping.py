@@ -8,12 +8,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from opcua_skill.methods import recorder as rules
-from opcua_skill.methods.library import LibraryMethods
-from opcua_skill.methods.recorder import KEPT, KEPT_SECONDS, RecorderMethods
+from opcua_skill.configuration.settings import Limits
 from opcua_skill.security.access import Caller, Role, calling_as
-from opcua_skill.settings import Limits
-from opcua_skill.stack.calls import Refused
+from opcua_skill.server.features import recorder as rules
+from opcua_skill.server.features.library import LibraryMethods
+from opcua_skill.server.features.recorder import KEPT, KEPT_SECONDS, RecorderMethods
+from opcua_skill.stack.services.calls import Refused
 
 
 class Scene:

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from models.demonstration import Bools, Floats
-from opcua_skill.recording import Bounds, Recording, SamplesWrong, TooMuch
+from opcua_skill.server.recording import Bounds, InvalidSamples, LimitExceeded, Recording
 
 NONE = np.zeros(0)
 RATE = 100.0
@@ -124,7 +124,7 @@ def test_a_wrong_append_is_refused_whole(what: str, given_: dict[str, Any], argu
     if "append before" in what:
         add(made, at_100_hz(10))
     before = (made.samples, made.button, made.presses)
-    with pytest.raises(SamplesWrong, match=words) as refusal:
+    with pytest.raises(InvalidSamples, match=words) as refusal:
         add(made, **{"times": np.array([2.0, 2.1]), **given_})
     assert refusal.value.argument == argument
     assert (made.samples, made.button, made.presses) == before
@@ -134,11 +134,11 @@ def test_orientations_come_with_every_append_or_with_none() -> None:
     turned = np.tile([0.0, 0.0, 0.7071, 0.7071], (3, 1))
     made = recording(3)
     add(made, [0.0, 0.1, 0.2], orientations=turned.ravel())
-    with pytest.raises(SamplesWrong, match="with all or with none"):
+    with pytest.raises(InvalidSamples, match="with all or with none"):
         add(made, [0.3, 0.4, 0.5])
-    with pytest.raises(SamplesWrong, match="length 1"):
+    with pytest.raises(InvalidSamples, match="length 1"):
         add(made, [0.3, 0.4, 0.5], orientations=2 * turned.ravel())
-    with pytest.raises(SamplesWrong, match="12 values"):
+    with pytest.raises(InvalidSamples, match="12 values"):
         add(made, [0.3, 0.4, 0.5], orientations=turned.ravel()[:8])
     made.close()
     shown = made.demonstration(made.presses[0]).orientations
@@ -146,17 +146,17 @@ def test_orientations_come_with_every_append_or_with_none() -> None:
     np.testing.assert_allclose(np.linalg.norm(shown, axis=1), 1.0, rtol=1e-12)
     plain = recording(3)
     add(plain, [0.0, 0.1, 0.2])
-    with pytest.raises(SamplesWrong, match="no orientations"):
+    with pytest.raises(InvalidSamples, match="no orientations"):
         add(plain, [0.3, 0.4, 0.5], orientations=turned.ravel())
 
 
 def test_limits_refuse_the_append_that_would_break_them() -> None:
     made = recording(bounds=Bounds(2, 30))
     add(made, at_100_hz(30), pressed(10, 20))
-    with pytest.raises(TooMuch, match="31 samples"):
+    with pytest.raises(LimitExceeded, match="31 samples"):
         add(made, at_100_hz(11, start=0.3), np.ones(11))
     add(made, at_100_hz(30, start=0.3), pressed(10, 20))
-    with pytest.raises(TooMuch, match="2 demonstrations"):
+    with pytest.raises(LimitExceeded, match="2 demonstrations"):
         add(made, at_100_hz(30, start=0.6), pressed(10, 20))
     assert made.samples == 60
     made.close()

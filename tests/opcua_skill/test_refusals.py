@@ -18,7 +18,8 @@ from asyncua import ua
 from small_corner import small_corner
 
 from models.demonstration import Demonstration
-from opcua_skill.client import LearningOptions, Recipe, Refused, Session, SkillClient, wire
+from opcua_skill.client import LearningOptions, Recipe, Refused, Session, SkillClient
+from opcua_skill.wire import to_server
 
 if TYPE_CHECKING:
     from tests.conftest import Plant
@@ -100,11 +101,11 @@ async def prepare(plant: "Plant") -> World:
 
 
 def text(value: str) -> ua.Variant:
-    return wire.string(value)
+    return to_server.string(value)
 
 
 def number(value: int) -> ua.Variant:
-    return wire.uint32(value)
+    return to_server.uint32(value)
 
 
 def bad(**changes: Any) -> list[Demonstration]:
@@ -114,12 +115,12 @@ def bad(**changes: Any) -> list[Demonstration]:
 
 def learning(session: Session, shown: Sequence[Demonstration], **options: Any) -> Arguments:
     structure = session.structure
-    sent = [wire.demonstration_out(structure, one) for one in shown]
+    sent = [to_server.demonstration_out(structure, one) for one in shown]
     return {
         "SkillName": text("new"),
         "SemanticType": text("Gluing"),
-        "Demonstrations": wire.structure_array(sent),
-        "Options": wire.structure(wire.options_out(structure, LearningOptions(**options))),
+        "Demonstrations": to_server.structure_array(sent),
+        "Options": to_server.structure(to_server.options_out(structure, LearningOptions(**options))),
     }
 
 
@@ -133,14 +134,14 @@ def learning_with(session: Session, **fields: Any) -> Arguments:
 
 
 def put(session: Session, world: World, **changes: Any) -> Arguments:
-    return {"Recipe": wire.structure(wire.recipe_out(session.structure, replace(world.recipe, **changes)))}
+    return {"Recipe": to_server.structure(to_server.recipe_out(session.structure, replace(world.recipe, **changes)))}
 
 
 def judging(name: str, version: int, digest: bytes) -> Arguments:
     return {
         "SkillName": text(name),
         "Version": number(version),
-        "ModelDigest": wire.byte_string(digest),
+        "ModelDigest": to_server.byte_string(digest),
         "Comment": text(""),
     }
 
@@ -150,7 +151,7 @@ def placing(name: str, version: int, workstation: str) -> Arguments:
 
 
 def running(name: str, recipe: str, mode: int) -> Arguments:
-    return {"SkillName": text(name), "RecipeId": text(recipe), "Mode": wire.int32(mode)}
+    return {"SkillName": text(name), "RecipeId": text(recipe), "Mode": to_server.int32(mode)}
 
 
 def of_version(name: str, version: int) -> Arguments:
@@ -162,7 +163,7 @@ def steering(job_id: str) -> Arguments:
 
 
 def trajectory(**changes: ua.Variant) -> Arguments:
-    arguments = {**of_version("plate", 1), "RecipeId": text(""), "TimeStep": wire.double(0.0)}
+    arguments = {**of_version("plate", 1), "RecipeId": text(""), "TimeStep": to_server.double(0.0)}
     return {**arguments, **changes}
 
 
@@ -226,9 +227,9 @@ ARGUMENTS = [
     row("a text for a number", "visitor", GET, lambda s, w: {**of_version("plate", 1), "Version": text("1")}, INVALID, "Version", TYPE),
     row("a list for a text", "visitor", GET, lambda s, w: {**of_version("plate", 1), "SkillName": ua.Variant(["plate"], ua.VariantType.String)}, INVALID, "SkillName", TYPE),
     row("a number for a list", "teacher", REMOVE, lambda s, w: removing("plate", number(1)), INVALID, "Indices", TYPE),
-    row("another structure", "teacher", LEARN, lambda s, w: {**learning(s, PEOPLE), "Options": wire.structure(wire.recipe_out(s.structure, w.recipe))}, INVALID, "Options", TYPE),
+    row("another structure", "teacher", LEARN, lambda s, w: {**learning(s, PEOPLE), "Options": to_server.structure(to_server.recipe_out(s.structure, w.recipe))}, INVALID, "Options", TYPE),
     row("an undecodable structure", "teacher", LEARN, lambda s, w: {**learning(s, PEOPLE), "Options": undecodable(s)}, INVALID, "Options", TYPE),
-    row("one structure for a list", "teacher", LEARN, lambda s, w: {**learning(s, PEOPLE), "Demonstrations": wire.structure(wire.demonstration_out(s.structure, PEOPLE[0]))}, INVALID, "Demonstrations", TYPE),
+    row("one structure for a list", "teacher", LEARN, lambda s, w: {**learning(s, PEOPLE), "Demonstrations": to_server.structure(to_server.demonstration_out(s.structure, PEOPLE[0]))}, INVALID, "Demonstrations", TYPE),
 ]  # fmt: skip
 VALUES = [
     row("NaN throughout", "teacher", LEARN, lambda s, w: learning(s, bad(points=np.full_like(PEOPLE[0].points, NAN), times=PEOPLE[0].times, triggers=PEOPLE[0].triggers)), INVALID, "Demonstrations", RANGE),
@@ -242,9 +243,9 @@ VALUES = [
     row("an unknown preset", "teacher", LEARN, lambda s, w: learning(s, PEOPLE, preset="magic"), INVALID, "Options", RANGE),
     row("a negative filter window", "teacher", LEARN, lambda s, w: learning(s, PEOPLE, filter_window=-1.0), INVALID, "Options", RANGE),
     row("a skill without a name", "teacher", LEARN, lambda s, w: {**learning(s, PEOPLE), "SkillName": text("")}, INVALID, "SkillName", RANGE),
-    row("time step NaN", "visitor", TRAJECTORY, lambda s, w: trajectory(TimeStep=wire.double(NAN)), INVALID, "TimeStep", RANGE),
-    row("a negative time step", "visitor", TRAJECTORY, lambda s, w: trajectory(TimeStep=wire.double(-0.01)), INVALID, "TimeStep", RANGE),
-    row("a sample that is not there", "teacher", REMOVE, lambda s, w: removing("plate", wire.uint32_array([10**6]), PEOPLE[0].demonstration_id), INVALID, "Indices", RANGE),
+    row("time step NaN", "visitor", TRAJECTORY, lambda s, w: trajectory(TimeStep=to_server.double(NAN)), INVALID, "TimeStep", RANGE),
+    row("a negative time step", "visitor", TRAJECTORY, lambda s, w: trajectory(TimeStep=to_server.double(-0.01)), INVALID, "TimeStep", RANGE),
+    row("a sample that is not there", "teacher", REMOVE, lambda s, w: removing("plate", to_server.uint32_array([10**6]), PEOPLE[0].demonstration_id), INVALID, "Indices", RANGE),
     row("an unknown state", "visitor", FIND, lambda s, w: {"SemanticType": text(""), "State": text("Perfect"), "Workstation": text(""), "NamePrefix": text(""), "After": text(""), "Limit": number(0)}, INVALID, "State", RANGE),
     row("an unknown mode", "mes", RUN, lambda s, w: running("plate", "", 7), INVALID, "Mode", RANGE),
     row("time step 0", "engineer", PUT, lambda s, w: put(s, w, time_step=0.0), INVALID, "Recipe", RANGE),
@@ -267,7 +268,7 @@ UNKNOWN = [
     row("unknown skill", "visitor", f"{LIBRARY}/GetDemonstrations", lambda s, w: of_version("none", 0), MISSING, "SkillName", MISSING),
     row("unknown skill", "visitor", TRAJECTORY, lambda s, w: trajectory(SkillName=text("none")), MISSING, "SkillName", MISSING),
     row("unknown recipe", "visitor", TRAJECTORY, lambda s, w: trajectory(RecipeId=text("none")), MISSING, "RecipeId", MISSING),
-    row("unknown skill", "teacher", REMOVE, lambda s, w: removing("none", wire.uint32_array([1])), MISSING, "SkillName", MISSING),
+    row("unknown skill", "teacher", REMOVE, lambda s, w: removing("none", to_server.uint32_array([1])), MISSING, "SkillName", MISSING),
     row("unknown skill", "engineer", APPROVE, lambda s, w: judging("none", 1, w.digest), MISSING, "SkillName", MISSING),
     row("unknown version", "engineer", REJECT, lambda s, w: judging("plate", 99, w.digest), MISSING, "Version", MISSING),
     row("unknown skill", "engineer", DEPLOY, lambda s, w: placing("none", 1, "ws1"), MISSING, "SkillName", MISSING),
@@ -307,7 +308,7 @@ STATES = [
 ]  # fmt: skip
 ROLES = [
     row("an operator", "mes", LEARN, lambda s, w: learning(s, PEOPLE), DENIED),
-    row("an operator", "mes", REMOVE, lambda s, w: removing("plate", wire.uint32_array([1])), DENIED),
+    row("an operator", "mes", REMOVE, lambda s, w: removing("plate", to_server.uint32_array([1])), DENIED),
     row("an operator", "mes", f"{LIBRARY}/ImportSkill", lambda s, w: {"Content": text("{}"), "Format": text("json")}, DENIED),
     row("a teacher", "teacher", APPROVE, lambda s, w: judging("plate", 2, w.digest), DENIED),
     row("a teacher", "teacher", REJECT, lambda s, w: judging("plate", 2, w.digest), DENIED),

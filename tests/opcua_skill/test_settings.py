@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
-from opcua_skill.settings import Settings
+from opcua_skill.configuration.settings import Settings
 
 
 @pytest.fixture(autouse=True)

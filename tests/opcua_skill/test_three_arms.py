@@ -15,8 +15,8 @@ from scipy.spatial.transform import Rotation
 from small_corner import small_corner
 
 from opcua_skill.client import ArmLinks, JobReport, JobTrace, Mode, Recipe, Skill, SkillClient
-from sim.arms import load
 from sim.order import MotionOrder
+from sim.robots import load
 
 if TYPE_CHECKING:
     from tests.conftest import Plant

@@ -8,10 +8,10 @@ import time
 import pytest
 
 from library.records import AuditEntry
-from opcua_skill.auditing import AuditWriter
-from opcua_skill.logs import BYTES_AT_ONCE, LONGEST_LINE, LogBudget, _said_briefly
-from opcua_skill.stack.budgets import Budget
-from opcua_skill.stack.watchdog import Watchdog
+from opcua_skill.configuration.logs import BYTES_AT_ONCE, LONGEST_LINE, LogBudget, _said_briefly
+from opcua_skill.server.auditing import AuditWriter
+from opcua_skill.stack.diagnostics.watchdog import Watchdog
+from opcua_skill.stack.transport.budgets import Budget
 
 
 def hold_the_loop(seconds: float) -> None:

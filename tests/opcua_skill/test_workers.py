@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from opcua_skill.workers import WorkerDied, Workers, WorkerTimeout, report_progress
+from opcua_skill.jobs.process_pool import WorkerDied, Workers, WorkerTimeout, report_progress
 from tests.processes import alive
 
 LIMIT = 60.0
@@ -103,7 +103,7 @@ async def test_closing_leaves_no_process(workers: Workers) -> None:
 
 PARENT = """
 import asyncio, os, time
-from opcua_skill.workers import Workers
+from opcua_skill.jobs.process_pool import Workers
 async def main():
     workers = Workers(1, "test")
     own, above = [await workers.run("asking", ask, seconds=60) for ask in (os.getpid, os.getppid)]
@@ -145,7 +145,7 @@ def test_where_the_command_line_begins_imports_nothing() -> None:
 
 PREPARED = """
 import asyncio, gc, os, sys
-from opcua_skill import workers
+from opcua_skill.jobs import process_pool
 
 def seen():
     links = [f"/proc/self/fd/{one}" for one in os.listdir("/proc/self/fd")]
@@ -153,7 +153,7 @@ def seen():
     return "wave" in sys.modules, gc.isenabled(), __file__ in files
 
 async def main():
-    pool = workers.Workers(1, "test")
+    pool = process_pool.Workers(1, "test")
     print(await pool.run("looking", seen, seconds=60.0), flush=True)
     if sys.argv[1:] == ["wait"]:
         await asyncio.sleep(3600)
@@ -163,7 +163,7 @@ if __name__ == "__main__":
     import wave  # nothing of ours does: a worker that has it was forked from here
     gc.disable()
     own = open(__file__)
-    workers.prepare()
+    process_pool.prepare()
     asyncio.run(main())
 """
 AS_PREPARED = "(True, True, False)"

@@ -5,26 +5,26 @@ from functools import lru_cache
 import pytest
 from drawn_motion import DrawnMotion
 
-from sim import arms
+from sim import robots
 from sim.arm_model import ArmModel
 from sim.order import MotionOrder
 from sim.plan import MotionPlan
-from sim.planner import plan_motion
+from sim.planning.planner import plan_motion
 
 
 @lru_cache(maxsize=64)
 def _planned(order: MotionOrder, arm: str, radius: float) -> MotionPlan:
-    return plan_motion(DrawnMotion(radius=radius), order, arms.load(arm), skill_digest="ab" * 32, recipe_id="r1")
+    return plan_motion(DrawnMotion(radius=radius), order, robots.load(arm), skill_digest="ab" * 32, recipe_id="r1")
 
 
-@pytest.fixture(params=arms.names())
+@pytest.fixture(params=robots.names())
 def model(request: pytest.FixtureRequest) -> ArmModel:
-    return arms.load(request.param)
+    return robots.load(request.param)
 
 
 @pytest.fixture
 def panda() -> ArmModel:
-    return arms.load("panda")
+    return robots.load("panda")
 
 
 @pytest.fixture

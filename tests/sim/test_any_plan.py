@@ -11,12 +11,13 @@ from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from sim import arms
-from sim.checks import TIMINGS, Code, MotionRefused
-from sim.execution import Execution, Phase
-from sim.kinematics import kinematics
+from sim import robots
+from sim.drivers.execution import Execution, Phase
+from sim.findings import Code, MotionRefused
 from sim.order import MotionOrder
-from sim.planner import plan_motion
+from sim.planning.checks import TIMINGS
+from sim.planning.kinematics import kinematics
+from sim.planning.planner import plan_motion
 
 CORNERS = st.lists(
     st.tuples(st.floats(-0.04, 0.04), st.floats(-0.04, 0.04), st.floats(0.0, 0.02)), min_size=2, max_size=5
@@ -56,13 +57,13 @@ def drawable(corners, radius):
 @pytest.mark.slow
 # A plan takes long enough that making a failing one smaller would take minutes: it is told as it was found.
 @settings(deadline=None, max_examples=10, phases=(hypothesis.Phase.explicit, hypothesis.Phase.generate))
-@given(name=st.sampled_from(arms.names()), order=ORDERS, place=PLACES, corners=CORNERS, radius=RADII)
+@given(name=st.sampled_from(robots.names()), order=ORDERS, place=PLACES, corners=CORNERS, radius=RADII)
 @example("panda", MotionOrder(time_step=0.0137), HERE, ZIGZAG, 0.0)
 @example("iiwa14", MotionOrder(time_step=0.02, timing="time_optimal", chord_tolerance=1e-3), HERE, ZIGZAG, 0.002)
 @example("xarm6", MotionOrder(time_step=0.0073, timing="constant_speed", speed=0.02), HERE, ZIGZAG, 0.003)
 @example("xarm6", MotionOrder(time_step=0.001, timing="time_optimal"), HERE, ZIGZAG, 0.0)
 def test_a_plan_keeps_every_limit_and_ends_at_its_end_or_is_refused_by_name(name, order, place, corners, radius):
-    model = arms.load(name)
+    model = robots.load(name)
     x, y, z, turn = place
     frame = (x, y, z, *Rotation.from_euler("z", turn).as_quat())
     order = MotionOrder(**{**{key: getattr(order, key) for key in order.__dataclass_fields__}, "frame": frame})

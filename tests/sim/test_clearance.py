@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sim import arms
-from sim.bullet_world import mesh_folder
-from sim.clearance import Box, _between_segments, _to_box_from_segment, check_clearance
-from sim.kinematics import kinematics
+from sim import robots
+from sim.drivers.pybullet.world import mesh_folder
+from sim.planning.clearance import Box, _between_segments, _to_box_from_segment, check_clearance
+from sim.planning.kinematics import kinematics
 
 Coordinate = st.floats(-1.0, 1.0)
 Point = st.tuples(Coordinate, Coordinate, Coordinate)
@@ -111,5 +111,5 @@ def test_only_the_needle_may_come_near_the_part(panda):
 
 
 def test_every_arm_watches_its_nozzle_against_its_base():
-    for name in arms.names():
-        assert any({"link0", "nozzle"} == set(pair) for pair in arms.load(name).apart)
+    for name in robots.names():
+        assert any({"link0", "nozzle"} == set(pair) for pair in robots.load(name).apart)

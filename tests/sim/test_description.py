@@ -13,15 +13,15 @@ from hypothesis import strategies as st
 from random_orders import ROBOTS, own_arm
 from scipy.spatial.transform import Rotation
 
-from sim import arms
-from sim.conformance import line_plan
+from sim import robots
 from sim.description import meshes, urdf
 from sim.description.capsules import beyond, fit
 from sim.description.checking import check_arm, check_place
 from sim.description.proposal import NotDescribable, propose, written
 from sim.description.tool_point import PosesRefused, tool_point
-from sim.planner import plan_home
-from sim.pybullet_arm import PyBulletArm
+from sim.drivers.pybullet.arm import PyBulletArm
+from sim.planning.planner import plan_home
+from sim.testing.conformance import line_plan
 
 BOX = '<collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision>'
 
@@ -124,7 +124,7 @@ def test_what_somebody_should_look_at_is_a_warning_and_the_arm_can_be_used(tmp_p
     stem = folder(tmp_path, **{kind: (before, after)})
     assert code in codes(stem, "warning")
     assert not codes(stem)
-    assert arms.read_files(stem).dof == 3
+    assert robots.read_files(stem).dof == 3
 
 
 @settings(deadline=None, max_examples=12)
@@ -139,7 +139,7 @@ def test_what_passes_the_check_is_loaded_and_what_does_not_never_raises(tmp_path
         content[place : place + data.draw(st.integers(0, 12))] = data.draw(st.binary(max_size=6))
     file.write_bytes(bytes(content))
     if not codes(stem):
-        assert arms.read_files(stem).dof >= 3
+        assert robots.read_files(stem).dof >= 3
 
 
 FINGERS = """
@@ -159,7 +159,7 @@ async def test_fingers_beside_the_chain_are_told_and_stay_where_they_are(tmp_pat
     )
     assert not codes(stem)
     assert {"SeveralChains", "Mimic"} <= codes(stem, "warning")
-    arm = PyBulletArm(arms.read_files(stem), realtime=False)
+    arm = PyBulletArm(robots.read_files(stem), realtime=False)
     await arm.open()
     try:
         trace = await arm.run(line_plan(arm.model, 0.03), lambda _: None)
@@ -175,7 +175,7 @@ def test_encodings_are_told_and_a_byte_order_mark_is_no_hindrance(tmp_path):
     file.write_bytes(b"\xef\xbb\xbf" + text.encode())
     assert "ByteOrderMark" in codes(stem, "note")
     assert not codes(stem)
-    assert arms.read_files(stem).dof == 3
+    assert robots.read_files(stem).dof == 3
     for content in (text.encode("utf-16"), text.replace("generic", "Größe").encode("latin-1")):
         file.write_bytes(content)
         assert codes(stem) == {"Encoding"}
@@ -193,19 +193,19 @@ def test_a_folder_says_which_arms_it_holds_or_what_is_missing(tmp_path):
 
 def test_shipped_arms_have_nothing_to_be_told_of(model, tmp_path):
     for kind in ("urdf", "toml"):
-        shutil.copy(Path(arms.__file__).with_name(f"{model.name}.{kind}"), tmp_path)
+        shutil.copy(Path(robots.__file__).with_name(f"{model.name}.{kind}"), tmp_path)
     assert not [one for one in check_arm(tmp_path / model.name) if one.weight != "note"]
 
 
 def test_a_loop_and_two_joints_to_one_link_are_refused_not_walked_for_ever(tmp_path):
     urdf_text, table = ((ROBOTS / f"gantry.{kind}").read_text("utf-8") for kind in ("urdf", "toml"))
     with pytest.raises(ValueError, match="go round in a circle"):
-        arms.read_model("gantry", urdf_text.replace('<parent link="base"/>', '<parent link="z"/>'), table)
+        robots.read_model("gantry", urdf_text.replace('<parent link="base"/>', '<parent link="z"/>'), table)
     again = '<joint name="again" type="fixed"><parent link="base"/><child link="x"/></joint></robot>'
     with pytest.raises(ValueError, match="hangs on two joints"):
-        arms.read_model("gantry", urdf_text.replace("</robot>", again), table)
+        robots.read_model("gantry", urdf_text.replace("</robot>", again), table)
     with pytest.raises(ValueError, match="is no XML"):
-        arms.read_model("gantry", urdf_text.replace("</robot>", ""), table)
+        robots.read_model("gantry", urdf_text.replace("</robot>", ""), table)
 
 
 Points = st.lists(st.tuples(*[st.floats(-0.5, 0.5)] * 3), min_size=4, max_size=30)
@@ -291,11 +291,11 @@ def test_a_described_arm_passes_the_check_once_it_is_confirmed_and_plans(tmp_pat
     table = written(proposal)
     stem.with_suffix(".toml").write_text(table)
     assert codes(stem) == {"Unconfirmed"}
-    assert arms.read_files(stem).unconfirmed == ("home", "limits", "path", "tool", "cell", "hull")
+    assert robots.read_files(stem).unconfirmed == ("home", "limits", "path", "tool", "cell", "hull")
     confirmed = [line for line in table.splitlines() if not line.startswith("to_confirm")]
     stem.with_suffix(".toml").write_text("\n".join(confirmed))
     assert not codes(stem)
-    model = arms.read_files(stem)
+    model = robots.read_files(stem)
     assert len(model.capsules) == len(SHAPED[name]) + 1, "the shapes and the needle"
     assert plan_home(model, model.home).joints.shape[1] == model.dof
 
@@ -389,26 +389,26 @@ def test_an_arm_carries_another_of_its_tools(tmp_path):
     stem = folder(tmp_path)
     stem.with_suffix(".toml").write_text(stem.with_suffix(".toml").read_text() + TOOLS)
     assert not codes(stem)
-    model = arms.read_files(stem)
+    model = robots.read_files(stem)
     assert (model.tools[0].residual, model.tool.length) == (0.00004, 0.12)
-    carrying = arms.changed(model, arms.Changes(tool="long needle"))
+    carrying = robots.changed(model, robots.Changes(tool="long needle"))
     assert (carrying.tool.name, carrying.tool.length) == ("long needle", 0.2)
     assert carrying.digest != model.digest
-    from sim.kinematics import kinematics
+    from sim.planning.kinematics import kinematics
 
     lower = kinematics(carrying).seed_position - kinematics(model).seed_position
     assert np.allclose(lower, [0.0, 0.0, -0.08])
     with pytest.raises(ValueError, match="names long needle"):
-        arms.changed(model, arms.Changes(tool="short"))
+        robots.changed(model, robots.Changes(tool="short"))
     broken = replace(model, tools=(replace(model.tools[0], tip="x"),))
     with pytest.raises(ValueError, match="before its last moving joint"):
-        arms.changed(broken, arms.Changes(tool="long needle"))
+        robots.changed(broken, robots.Changes(tool="long needle"))
 
 
 def test_a_limits_file_can_place_the_tip_itself(tmp_path):
     stem = folder(tmp_path, toml=("length = 0.12", "length = 0.17\noffset = [0.0, 0.0, 0.05]"))
-    from sim.kinematics import kinematics
+    from sim.planning.kinematics import kinematics
 
-    model = arms.read_files(stem)
+    model = robots.read_files(stem)
     assert np.allclose(kinematics(own_arm("gantry")).seed_position - kinematics(model).seed_position, [0, 0, 0.05])
     assert model.tool.length == 0.17

@@ -11,14 +11,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_orders import own_arm
 
-from sim import arms
-from sim.conformance import left_path, line_plan
-from sim.execution import Execution, Phase, Recorder
+from sim import robots
+from sim.drivers.execution import Execution, Phase, Recorder
 from sim.order import MotionOrder
-from sim.planner import plan_motion
-from sim.rates import rates
+from sim.planning.planner import plan_motion
+from sim.planning.rates import rates
+from sim.testing.conformance import left_path, line_plan
 
-PLAN = line_plan(arms.load(), 0.03)
+PLAN = line_plan(robots.load(), 0.03)
 COMMANDS = st.lists(
     st.tuples(st.integers(0, 900), st.sampled_from(["pause", "resume", 0.05, 0.3, 0.77, 1.0])), max_size=8
 )
@@ -26,8 +26,8 @@ COMMANDS = st.lists(
 
 def played(commands, plan=PLAN, *, stop_at=None):
     """Return the joints at every tick, the execution and its trace; commands wait the given number of ticks."""
-    execution = Execution(plan, arms.load(plan.arm))
-    recorder = Recorder(arms.load(plan.arm), "a test")
+    execution = Execution(plan, robots.load(plan.arm))
+    recorder = Recorder(robots.load(plan.arm), "a test")
     waiting, joints, ticks = list(commands), [plan.joints[0]], 0
     while execution.phase is not Phase.ENDED:
         if stop_at is not None and ticks >= stop_at:
@@ -53,11 +53,11 @@ def played(commands, plan=PLAN, *, stop_at=None):
 @given(commands=COMMANDS)
 def test_no_sequence_of_commands_makes_the_arm_jump_go_back_or_leave_its_path(commands):
     joints, execution, trace = played(commands)
-    model = arms.load()
+    model = robots.load()
     rates = np.diff(joints, axis=0) / execution.dt
     assert (np.diff(trace.path_times) >= 0.0).all()
     assert trace.path_times[-1] == PLAN.duration
-    assert left_path(trace, PLAN, arms.load()) < 1e-5
+    assert left_path(trace, PLAN, robots.load()) < 1e-5
     assert (np.abs(rates) <= np.array(model.limits.velocity)).all()
     assert (np.abs(np.diff(rates, axis=0)) / execution.dt <= np.array(model.limits.acceleration)).all()
 
@@ -67,8 +67,8 @@ def test_no_sequence_of_commands_makes_the_arm_jump_go_back_or_leave_its_path(co
 def test_a_stop_at_any_moment_ends_at_rest_on_the_path_within_the_limits(commands, stop_at):
     joints, execution, trace = played(commands, stop_at=stop_at)
     rates = np.diff(joints, axis=0) / execution.dt
-    assert (np.abs(np.diff(rates, axis=0)) / execution.dt <= np.array(arms.load().limits.acceleration)).all()
-    assert left_path(trace, PLAN, arms.load()) < 1e-5
+    assert (np.abs(np.diff(rates, axis=0)) / execution.dt <= np.array(robots.load().limits.acceleration)).all()
+    assert left_path(trace, PLAN, robots.load()) < 1e-5
     assert np.abs(rates[-1]).max() < 0.02
     assert not execution.valve
 
@@ -98,7 +98,7 @@ def test_the_valve_closes_before_the_nozzle_slows_for_a_pause_and_opens_at_speed
 
 def test_a_valve_that_is_slow_to_close_has_its_lead_before_the_nozzle_slows():
     plan = replace(PLAN, order=replace(PLAN.order, dispense_lead=0.03))
-    execution = Execution(plan, arms.load())
+    execution = Execution(plan, robots.load())
     while not execution.valve:
         execution.tick()
     for _ in range(100):
@@ -123,7 +123,7 @@ ORDERS = (
 @lru_cache(maxsize=2)
 def places(name):
     """Return an arm, shipped or not, and plans of a zigzag in space on it."""
-    model = own_arm(name) if name in OWN else arms.load(name)
+    model = own_arm(name) if name in OWN else robots.load(name)
     plans = [
         plan_motion(DrawnMotion(ZIGZAG, radius=0.003), replace(order, frame=model.part_frame), model)
         for order in ORDERS
@@ -170,7 +170,7 @@ def commanded(plan, model, rng):
     return np.array(joints), execution.dt, count, execution.clock - asked if stopping else 0.0
 
 
-@pytest.mark.parametrize("name", [*arms.names(), *OWN])
+@pytest.mark.parametrize("name", [*robots.names(), *OWN])
 def test_pauses_stops_and_overrides_at_random_moments_keep_velocity_acceleration_and_jerk(name):
     model, plans = places(name)
     rng, count = random.Random(name), 0

@@ -3,9 +3,9 @@
 from random_orders import own_arm
 
 from sim.arm import Arm
-from sim.conformance import ArmConformance, line_plan
-from sim.kinematic_arm import KinematicArm
-from sim.pybullet_arm import PyBulletArm
+from sim.drivers.kinematic.arm import KinematicArm
+from sim.drivers.pybullet.arm import PyBulletArm
+from sim.testing.conformance import ArmConformance, line_plan
 
 
 class TestKinematicUR5e(ArmConformance):

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from drawn_motion import DrawnMotion
 
-from sim import arms
+from sim import robots
 from sim.arm import Arm, ArmFault, ArmMode
-from sim.conformance import ArmConformance, line_plan, outcome
-from sim.imperfection import Imperfection
-from sim.kinematic_arm import KinematicArm
+from sim.drivers.kinematic.arm import KinematicArm
 from sim.order import MotionOrder
-from sim.planner import plan_motion
+from sim.planning.planner import plan_motion
+from sim.testing.conformance import ArmConformance, line_plan, outcome
+from sim.testing.disturbances import Imperfection
 from sim.traces import to_csv
 
 
@@ -23,7 +23,7 @@ class TestKinematicPanda(ArmConformance):
     name = "panda"
 
     def make_arm(self) -> Arm:
-        return KinematicArm(arms.load(self.name), realtime=False)
+        return KinematicArm(robots.load(self.name), realtime=False)
 
 
 class TestKinematicXArm6(TestKinematicPanda):
@@ -36,7 +36,7 @@ class TestKinematicIiwa14(TestKinematicPanda):
 
 async def ended(order: MotionOrder, imperfection: Imperfection | None, spread: float = 1e-3):
     """Return the arm, the plan and the trace or the exception with which its run ended."""
-    model = arms.load()
+    model = robots.load()
     arm = KinematicArm(model, realtime=False, imperfection=imperfection)
     plan = plan_motion(DrawnMotion(spread=spread), order, model)
     await arm.open()
@@ -94,7 +94,7 @@ async def test_a_good_arm_stays_in_the_tube():
 
 
 async def test_the_times_of_a_trace_are_the_clocks_and_a_pause_is_seen_in_them():
-    arm = KinematicArm(arms.load(), realtime=True)
+    arm = KinematicArm(robots.load(), realtime=True)
     await arm.open()
     plan = line_plan(arm.model, 0.06)
     began = time.monotonic()

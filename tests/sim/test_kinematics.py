@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from sim import arms
-from sim.bullet_world import BulletWorld
-from sim.kinematics import Kinematics, kinematics
+from sim import robots
+from sim.drivers.pybullet.world import BulletWorld
+from sim.planning.kinematics import Kinematics, kinematics
 
 
 def reachable(model, count, seed=0):
@@ -59,9 +59,9 @@ def test_neighbouring_poses_have_neighbouring_joints(model):
 
 
 @settings(deadline=None, max_examples=25)
-@given(turn=st.floats(-0.6, 0.6), tilt=st.floats(-0.3, 0.3), name=st.sampled_from(arms.names()))
+@given(turn=st.floats(-0.6, 0.6), tilt=st.floats(-0.3, 0.3), name=st.sampled_from(robots.names()))
 def test_a_tilted_nozzle_is_reached_too(turn, tilt, name):
-    arm = kinematics(arms.load(name))
+    arm = kinematics(robots.load(name))
     wanted = Rotation.from_euler("zy", [turn, tilt]).as_matrix() @ arm.seed_rotation
     solved = arm.inverse(np.array([[0.44, 0.02, 0.2]]), wanted)
     assert np.abs(arm.forward(solved.joints)[1][0] - wanted).max() < 1e-10
@@ -137,4 +137,4 @@ def test_limits_in_description_and_limits_file_agree(model):
 
 def test_an_unknown_arm_is_refused_with_the_known_ones():
     with pytest.raises(ValueError, match="panda, xarm6, iiwa14"):
-        arms.load("scara")
+        robots.load("scara")

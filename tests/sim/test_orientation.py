@@ -10,16 +10,16 @@ from drawn_motion import DrawnMotion
 from scipy.spatial.transform import Rotation
 
 from models.learning import learn
-from models.people import ZIGZAG_IN_SPACE, simulated_people, true_orientations
-from sim import arms
+from models.synthetic import ZIGZAG_IN_SPACE, simulated_people, true_orientations
+from sim import robots
 from sim.arm import angles_between
-from sim.checks import MotionRefused
-from sim.clearance import Box, Cell
-from sim.kinematic_arm import KinematicArm
-from sim.kinematics import kinematics
+from sim.drivers.kinematic.arm import KinematicArm
+from sim.findings import MotionRefused
 from sim.order import MotionOrder
 from sim.plan import MotionPlan
-from sim.planner import plan_motion
+from sim.planning.clearance import Box, Cell
+from sim.planning.kinematics import kinematics
+from sim.planning.planner import plan_motion
 
 RISE = ((0.0, 0.0, 0.0), (0.03, 0.02, 0.02), (0.0, 0.05, 0.03))
 ORDER = MotionOrder(time_step=0.004, duration=6.0)
@@ -101,10 +101,10 @@ def test_a_free_nozzle_keeps_the_axis_shown_but_does_not_turn_with_the_hand(pand
     assert turned["free"] < 30.0
 
 
-@pytest.mark.parametrize("name", arms.names())
+@pytest.mark.parametrize("name", robots.names())
 def test_a_tilt_no_arm_can_hold_is_refused_with_its_place(name):
     with pytest.raises(MotionRefused) as caught:
-        plan_motion(TiltedMotion(lean=math.radians(-150), swing=0.0), ORDER, arms.load(name))
+        plan_motion(TiltedMotion(lean=math.radians(-150), swing=0.0), ORDER, robots.load(name))
     finding = caught.value.findings[0]
     assert finding.code in {"NoIkSolution", "JointLimit", "Singularity", "Collision"}
     assert 0.0 <= finding.phase <= 1.0

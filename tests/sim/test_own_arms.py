@@ -11,16 +11,16 @@ from drawn_motion import DrawnMotion
 from random_orders import OWN, ROBOTS, ends_pushed, largest_shares, own_arm
 from scipy.spatial.transform import Rotation
 
-from sim import arms
+from sim import robots
 from sim.arm_model import ArmModel
-from sim.arms import Changes, changed, read_model
-from sim.checks import MotionRefused
-from sim.clearance import Box, Cell, check_clearance, least_distances
 from sim.description.reach import reaching, seeds
-from sim.kinematics import kinematics
+from sim.findings import MotionRefused
 from sim.order import MotionOrder
 from sim.plan import MotionPlan
-from sim.planner import plan_home, plan_motion
+from sim.planning.clearance import Box, Cell, check_clearance, least_distances
+from sim.planning.kinematics import kinematics
+from sim.planning.planner import plan_home, plan_motion
+from sim.robots import Changes, changed, read_model
 
 ORDER = MotionOrder(time_step=0.004, timing="constant_speed", speed=0.02)
 
@@ -56,9 +56,9 @@ def test_an_arm_from_a_folder_runs_the_zigzag_and_goes_home(name):
 def test_a_folder_with_one_arm_names_it_and_one_with_more_asks_which(tmp_path):
     for kind, text in zip(("urdf", "toml"), texts("gantry"), strict=True):
         (tmp_path / f"bench.{kind}").write_text(text, "utf-8")
-    assert arms.load(str(tmp_path)).name == "bench"
+    assert robots.load(str(tmp_path)).name == "bench"
     with pytest.raises(ValueError, match="more than one arm: name one of"):
-        arms.load(str(ROBOTS))
+        robots.load(str(ROBOTS))
 
 
 def test_a_slide_moves_along_its_axis_and_its_jacobian_says_so():
@@ -223,7 +223,7 @@ BRANCHES = [
 
 @pytest.mark.parametrize(("name", "place", "turn"), BRANCHES, ids=str)
 def test_another_posture_is_tried_before_a_path_is_refused(name, place, turn):
-    arm = arms.load(name)
+    arm = robots.load(name)
     frame = (*place, *Rotation.from_euler(*turn, degrees=True).as_quat())
     plan = plan_motion(DrawnMotion(), replace(ORDER, frame=frame), arm)
     assert largest_shares(plan, arm).max() <= 1.0
@@ -235,4 +235,4 @@ def test_another_posture_is_tried_before_a_path_is_refused(name, place, turn):
 
 def test_no_folder_is_no_arm(tmp_path: Path):
     with pytest.raises(ValueError, match="or a folder with a URDF and a limits file"):
-        arms.load(str(tmp_path / "nothing"))
+        robots.load(str(tmp_path / "nothing"))

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from models.learning import learn
-from models.people import simulated_people
-from sim.conformance import straight_line
-from sim.path import ToolPath
+from models.synthetic import simulated_people
+from sim.planning.path import ToolPath
+from sim.testing.conformance import straight_line
 
 FRAME = (0.42, 0.0, 0.10, 0.0, 0.0, 0.0, 1.0)
 

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from sim import arms, picture
+from sim import robots
 from sim.order import MotionOrder
-from sim.picture import PictureFailed
-from sim.picture_worker import plate_of
+from sim.rendering import picture
+from sim.rendering.picture import PictureFailed
+from sim.rendering.worker import plate_of
 
 
 def pixels_near(image, colour, tolerance=40):
@@ -22,7 +23,7 @@ def pixels_near(image, colour, tolerance=40):
 @pytest.mark.slow
 async def test_the_operator_card_shows_arm_nozzle_and_path(planned):
     plan = planned(MotionOrder(time_step=0.008, timing="constant_speed", speed=0.03))
-    drawing = asyncio.create_task(picture.operator_card(arms.load(), plan))
+    drawing = asyncio.create_task(picture.operator_card(robots.load(), plan))
     longest, last = 0.0, time.monotonic()
     while not drawing.done():
         await asyncio.sleep(0.005)
@@ -51,7 +52,7 @@ def test_the_card_shows_the_part_that_the_recipe_names_and_else_what_is_kept_cle
 @pytest.mark.slow
 async def test_the_animation_moves(planned):
     plan = planned(MotionOrder(time_step=0.008, timing="constant_speed", speed=0.03), "xarm6")
-    image = Image.open(io.BytesIO(await picture.animation(arms.load("xarm6"), plan, 5)))
+    image = Image.open(io.BytesIO(await picture.animation(robots.load("xarm6"), plan, 5)))
     assert image.format == "WEBP"
     assert image.n_frames == 5
     image.seek(0)
@@ -62,4 +63,4 @@ async def test_the_animation_moves(planned):
 
 async def test_a_picture_that_cannot_be_drawn_says_so_in_a_sentence(planned):
     with pytest.raises(PictureFailed, match="could not be drawn: AttributeError"):
-        await picture.still(arms.load(), None)
+        await picture.still(robots.load(), None)

@@ -12,18 +12,18 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from models.learning import learn
-from models.people import simulated_people
-from sim import arms
-from sim.checks import MotionRefused
-from sim.kinematics import kinematics
+from models.synthetic import simulated_people
+from sim import robots
+from sim.findings import MotionRefused
 from sim.order import MotionOrder
 from sim.plan import MotionPlan
-from sim.planner import plan_home, plan_motion
+from sim.planning.kinematics import kinematics
+from sim.planning.planner import plan_home, plan_motion
 
 
 def refused(order, motion=None, arm="panda", **more):
     with pytest.raises(MotionRefused) as caught:
-        plan_motion(motion or DrawnMotion(), order, arms.load(arm), **more)
+        plan_motion(motion or DrawnMotion(), order, robots.load(arm), **more)
     return caught.value
 
 
@@ -114,7 +114,7 @@ def test_sharp_corners_shown_by_people_are_slowed_down_visibly(model):
 def test_the_valve_opens_and_closes_by_arc_length_with_its_lead():
     motion = DrawnMotion(dispense=((0.25, 0.75),))
     order = MotionOrder(time_step=0.001, timing="constant_speed", speed=0.03, dispense_lead=0.05)
-    plan = plan_motion(motion, order, arms.load())
+    plan = plan_motion(motion, order, robots.load())
     opens, closes = plan.valve_events
     assert (opens.opens, closes.opens) == (True, False)
     assert opens.arc_length == pytest.approx(0.25 * plan.report["length"], rel=1e-3)
@@ -130,8 +130,8 @@ def test_a_turned_or_tilted_part_is_followed_with_the_nozzle_against_its_normal(
     rotation = Rotation.from_euler("zx", [turn, tilt])
     order = MotionOrder(time_step=0.02, frame=(0.45, 0.0, 0.12, *rotation.as_quat()), chord_tolerance=1e-3)
     motion = DrawnMotion(corners=((-0.03, -0.02), (0.03, -0.02), (0.03, 0.02)))
-    plan = plan_motion(motion, order, arms.load())
-    rows = kinematics(arms.load()).forward(plan.joints[on_path(plan)])[1]
+    plan = plan_motion(motion, order, robots.load())
+    rows = kinematics(robots.load()).forward(plan.joints[on_path(plan)])[1]
     assert np.abs(rows[:, :, 2] + rotation.as_matrix()[:, 2]).max() < 1e-9
 
 
@@ -144,7 +144,7 @@ def test_a_learned_skill_runs_unchanged_on_all_three_arms(model):
 
 def test_the_same_order_gives_the_same_plan_and_any_other_another_digest(planned):
     order = MotionOrder(time_step=0.004)
-    arm = arms.load()
+    arm = robots.load()
     again = plan_motion(DrawnMotion(), order, arm, skill_digest="ab" * 32, recipe_id="r1")
     assert again.digest == planned(order).digest
     others = [
@@ -245,7 +245,7 @@ def test_no_way_home_from_joints_that_are_no_numbers(panda):
 
 @pytest.mark.parametrize("seed", [0, 1])
 def test_a_learned_corner_sharper_than_the_grid_is_slowed_not_refused(seed: int) -> None:
-    model = arms.load("panda")
+    model = robots.load("panda")
     motion = learn(simulated_people(20, seed)[0], compare=False).motion
     order = MotionOrder(time_step=0.004, timing="constant_speed", speed=0.025, frame=model.part_frame)
     plan = plan_motion(motion, order, model)

@@ -10,13 +10,13 @@ import pytest_asyncio
 from drawn_motion import DrawnMotion
 from scipy.spatial.transform import Rotation
 
-from sim import arms
+from sim import robots
 from sim.arm import ArmFault, ArmMode, Stopped
-from sim.conformance import away, left_path, line_plan, outcome
-from sim.imperfection import Imperfection
+from sim.drivers.pybullet.arm import PyBulletArm
 from sim.order import MotionOrder
-from sim.planner import plan_home, plan_motion
-from sim.pybullet_arm import PyBulletArm
+from sim.planning.planner import plan_home, plan_motion
+from sim.testing.conformance import away, left_path, line_plan, outcome
+from sim.testing.disturbances import Imperfection
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
 SHORT = ((0.0, 0.0), (0.0, 0.03), (0.008, 0.03), (0.008, 0.0))
@@ -32,7 +32,7 @@ class Arms:
     async def get(self, name="panda", *, realtime=False, imperfection=None) -> PyBulletArm:
         key = (name, realtime, imperfection)
         if key not in self._open:
-            self._open[key] = PyBulletArm(arms.load(name), realtime=realtime, imperfection=imperfection)
+            self._open[key] = PyBulletArm(robots.load(name), realtime=realtime, imperfection=imperfection)
             await self._open[key].open()
         arm = self._open[key]
         if away(arm, np.array(arm.model.home)) > 1e-3:
@@ -52,7 +52,7 @@ async def pool() -> AsyncIterator[Arms]:
 
 
 def short(order: MotionOrder, name: str = "panda", **more):
-    return plan_motion(DrawnMotion(SHORT, **more), order, arms.load(name))
+    return plan_motion(DrawnMotion(SHORT, **more), order, robots.load(name))
 
 
 async def until(condition, limit=30.0):
@@ -61,7 +61,7 @@ async def until(condition, limit=30.0):
             await asyncio.sleep(0.002)
 
 
-@pytest.mark.parametrize("name", arms.names())
+@pytest.mark.parametrize("name", robots.names())
 async def test_the_nozzle_follows_within_five_micrometres_at_one_kilohertz(name, pool):
     arm = await pool.get(name)
     for speed in (0.02, 0.1):
@@ -102,12 +102,12 @@ async def test_every_time_step_takes_its_own_number_of_samples_along_the_same_pa
 
 @pytest.mark.slow
 async def test_two_runs_of_a_plan_leave_bitwise_equal_traces_also_in_another_process(pool):
-    plan, other = short(STEADY), line_plan(arms.load(), 0.03)
+    plan, other = short(STEADY), line_plan(robots.load(), 0.03)
     arm = await pool.get()
     traces = [await arm.run(plan, lambda _: None)]
     await arm.run(other, lambda _: None)
     traces.append(await arm.run(plan, lambda _: None))
-    fresh = PyBulletArm(arms.load(), realtime=False)
+    fresh = PyBulletArm(robots.load(), realtime=False)
     await fresh.open()
     traces.append(await fresh.run(plan, lambda _: None))
     await fresh.close()
@@ -170,7 +170,7 @@ async def test_a_stop_from_75_millimetres_a_second_takes_at_most_five(pool):
 
 
 async def test_an_override_set_while_closed_is_obeyed_by_the_first_run_and_a_pause_is_in_the_trace():
-    arm = PyBulletArm(arms.load(), realtime=False)
+    arm = PyBulletArm(robots.load(), realtime=False)
     await arm.set_override(0.25)
     await arm.open()
     try:

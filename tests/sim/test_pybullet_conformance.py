@@ -5,10 +5,10 @@ from collections.abc import AsyncIterator
 import pytest
 import pytest_asyncio
 
-from sim import arms
+from sim import robots
 from sim.arm import Arm
-from sim.conformance import ArmConformance
-from sim.pybullet_arm import PyBulletArm
+from sim.drivers.pybullet.arm import PyBulletArm
+from sim.testing.conformance import ArmConformance
 
 
 @pytest_asyncio.fixture(scope="class", loop_scope="class", autouse=True)
@@ -27,7 +27,7 @@ class TestPyBulletPanda(ArmConformance):
     name = "panda"
 
     def make_arm(self) -> Arm:
-        return PyBulletArm(arms.load(self.name), realtime=False)
+        return PyBulletArm(robots.load(self.name), realtime=False)
 
 
 @pytest.mark.slow

@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim import arms
+from sim import robots
 from sim.arm import ArmFault, ArmMode, StartRefused
-from sim.conformance import away, line_plan, outcome, refusal
-from sim.planner import plan_home
-from sim.pybullet_arm import PyBulletArm
+from sim.drivers.pybullet.arm import PyBulletArm
+from sim.planning.planner import plan_home
+from sim.testing.conformance import away, line_plan, outcome, refusal
 from tests.processes import alive
 
 ROOT = Path(__file__).parents[2]
@@ -27,9 +27,9 @@ async def until(condition, limit=30.0):
             await asyncio.sleep(0.002)
 
 
-@pytest.mark.parametrize("name", arms.names())
+@pytest.mark.parametrize("name", robots.names())
 async def test_killing_the_simulation_fails_the_run_by_name_within_a_second(name):
-    arm = PyBulletArm(arms.load(name), realtime=True)
+    arm = PyBulletArm(robots.load(name), realtime=True)
     await arm.open()
     try:
         plan = line_plan(arm.model)
@@ -77,12 +77,12 @@ async def test_killing_the_simulation_in_a_pause_wakes_whoever_waits(panda):
 
 PARENT = """
 import asyncio
-from sim import arms
-from sim.conformance import line_plan
-from sim.pybullet_arm import PyBulletArm
+from sim import robots
+from sim.testing.conformance import line_plan
+from sim.drivers.pybullet.arm import PyBulletArm
 
 async def main():
-    arm = PyBulletArm(arms.load(), realtime=True)
+    arm = PyBulletArm(robots.load(), realtime=True)
     await arm.open()
     told = lambda progress: print("moving", arm.process_id, flush=True)
     run = asyncio.create_task(arm.run(line_plan(arm.model), told))
@@ -106,11 +106,11 @@ def test_nothing_is_left_behind_when_the_parent_is_killed():
 
 
 QUIET = """
-from sim import arms
-from sim.bullet_world import BulletWorld
+from sim import robots
+from sim.drivers.pybullet.world import BulletWorld
 
-for name in arms.names():
-    BulletWorld(arms.load(name)).close()
+for name in robots.names():
+    BulletWorld(robots.load(name)).close()
 """
 
 

@@ -17,10 +17,10 @@ from drawn_motion import DrawnMotion
 from random_orders import Case, ends_pushed, five_arms, largest_shares, own_arm, random_cases
 from scipy.spatial.transform import Rotation
 
-from sim.checks import MotionRefused
+from sim.findings import MotionRefused
 from sim.order import MotionOrder
 from sim.plan import MotionPlan
-from sim.planner import OF_THE_POSTURE, plan_motion
+from sim.planning.planner import OF_THE_POSTURE, plan_motion
 
 ORDERS = int(os.environ.get("PLAN_ORDERS", "40"))
 SLOWER = (0.8, 0.45, 0.13)

@@ -9,12 +9,12 @@ import pytest
 from drawn_motion import DrawnMotion
 
 from sim.arm import ArmMode, StartRefused
-from sim.checks import MotionRefused
-from sim.clearance import Box, Cell
-from sim.conformance import line_plan, refusal
-from sim.kinematic_arm import KinematicArm
+from sim.drivers.kinematic.arm import KinematicArm
+from sim.findings import MotionRefused
 from sim.order import MotionOrder
-from sim.planner import plan_home, plan_motion
+from sim.planning.clearance import Box, Cell
+from sim.planning.planner import plan_home, plan_motion
+from sim.testing.conformance import line_plan, refusal
 
 NOWHERE, NAN = math.inf, math.nan
 STEADY = MotionOrder(timing="constant_speed", speed=0.03)

@@ -9,12 +9,12 @@ from drawn_motion import DrawnMotion
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
-from sim import arms
+from sim import robots
 from sim.arm_model import PathLimits
-from sim.kinematics import kinematics
-from sim.path import ToolPath
-from sim.rates import eased, rates, spline_velocities
-from sim.timing import JointPath, fastest, joint_move, law_speed, time_at
+from sim.planning.kinematics import kinematics
+from sim.planning.path import ToolPath
+from sim.planning.rates import eased, rates, spline_velocities
+from sim.planning.timing import JointPath, fastest, joint_move, law_speed, time_at
 
 BOUNDS = PathLimits(0.5, 2.0, 100.0, "")
 
@@ -40,7 +40,7 @@ def jolts(path, law, step=1e-3):
     speed=st.floats(0.005, 0.4),
 )
 def test_a_law_stays_below_its_ceiling_and_keeps_the_jerk_wherever_the_ceiling_dips(length, dips, speed):
-    path, limits = on_a_line(length), replace(arms.load("xarm6").limits, jerk=(200.0,) * 6)
+    path, limits = on_a_line(length), replace(robots.load("xarm6").limits, jerk=(200.0,) * 6)
     limits = replace(limits, **{row: getattr(limits, row)[:3] for row in ("velocity", "acceleration", "jerk")})
     top = np.full(len(path.lengths), speed)
     for place, share, width in dips:
@@ -60,7 +60,7 @@ def test_a_law_stays_below_its_ceiling_and_keeps_the_jerk_wherever_the_ceiling_d
 
 def test_an_even_ceiling_is_reached_and_kept_to_the_last_digit():
     path = on_a_line(0.1)
-    limits = arms.load("iiwa14").limits
+    limits = robots.load("iiwa14").limits
     limits = replace(limits, **{row: getattr(limits, row)[:3] for row in ("velocity", "acceleration", "jerk")})
     law = fastest(path, limits, BOUNDS, np.full(len(path.lengths), 0.05))
     assert np.allclose(law_speed(law, np.linspace(0.03, 0.07, 50)), 0.05, rtol=1e-6)
@@ -125,5 +125,5 @@ def test_the_fastest_law_keeps_every_joint_limit_and_uses_what_there_is(model, r
 
 
 def test_ruckig_is_never_given_waypoints_which_would_leave_the_machine():
-    for file in Path(arms.__file__).parents[1].glob("**/*.py"):
+    for file in Path(robots.__file__).parents[1].glob("**/*.py"):
         assert "intermediate_positions" not in file.read_text("utf-8"), file

@@ -7,7 +7,7 @@ import numpy as np
 import pyarrow.parquet
 from scripted_arm import trace
 
-from opcua_skill.computations import write_trace
+from opcua_skill.jobs.worker_tasks import write_trace
 from sim.traces import columns, to_csv, to_parquet
 
 

@@ -4,8 +4,8 @@ import csv
 
 import numpy as np
 
-from sim.conformance import line_plan
-from sim.kinematic_arm import KinematicArm
+from sim.drivers.kinematic.arm import KinematicArm
+from sim.testing.conformance import line_plan
 from sim.traces import columns, to_csv
 
 

@@ -16,7 +16,7 @@ import pytest
 from asyncua import Client, ua
 from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
 
-from models.people import simulated_people
+from models.synthetic import simulated_people
 
 if TYPE_CHECKING:
     from tests.conftest import Plant

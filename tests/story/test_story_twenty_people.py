@@ -6,7 +6,7 @@ import pytest
 
 from library.readers import fit_to_plate, read_all
 from models.demonstration import Demonstration
-from models.people import simulated_people
+from models.synthetic import simulated_people
 from opcua_skill.demo.plant import running_plant
 from opcua_skill.demo.story import PRESETS, TRACKING_LIMIT, main_story
 

@@ -7,7 +7,7 @@ from typing import Any
 from nicegui import ui
 
 from opcua_skill.client import AuditEntry, ClientError
-from opcua_skill.panel.frame import Frame, title
+from opcua_skill.panel.layout import Frame, title
 
 PAGE = 100
 LONGEST = 160

@@ -4,7 +4,7 @@ from nicegui import ui
 
 from opcua_skill.client import ClientError, Path, Recipe, RunCheck
 from opcua_skill.panel.card import cannot_run, colours_of, drawn, facts, in_short, slowdowns, speed_steps
-from opcua_skill.panel.frame import Frame, title
+from opcua_skill.panel.layout import Frame, title
 
 
 class CardSheet:

@@ -6,8 +6,8 @@ from nicegui import ui
 from nicegui.events import UploadEventArguments
 
 from opcua_skill.client import ClientError, SkillSummary
-from opcua_skill.panel.frame import Frame, choose, title
-from opcua_skill.panel.shown import moment, state_tag
+from opcua_skill.panel.formatting import moment, state_tag
+from opcua_skill.panel.layout import Frame, choose, title
 
 STATES = ("Learned", "Approved", "Rejected", "Retired")
 MOST = 200

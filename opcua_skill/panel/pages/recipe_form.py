@@ -8,7 +8,8 @@ from nicegui import ui
 
 from opcua_skill.client import ClientError, Recipe, Refused
 from opcua_skill.panel.card import cannot_run, in_short
-from opcua_skill.panel.frame import Frame, choose
+from opcua_skill.panel.formatting import seconds
+from opcua_skill.panel.layout import Frame, choose
 from opcua_skill.panel.recipe_fields import (
     FIELDS,
     NOZZLE_FIELDS,
@@ -22,7 +23,6 @@ from opcua_skill.panel.recipe_fields import (
     quaternion,
     turned,
 )
-from opcua_skill.panel.shown import seconds
 
 TIMINGS = {"demonstrated": "as demonstrated", "constant_speed": "constant speed", "time_optimal": "as fast as allowed"}
 CHOICE_WORDS = {

@@ -7,7 +7,7 @@ from urllib.parse import quote
 from nicegui import ui
 
 from opcua_skill.client import Recipe
-from opcua_skill.panel.frame import Frame, title
+from opcua_skill.panel.layout import Frame, title
 from opcua_skill.panel.pages.recipe_form import RecipeForm
 
 

@@ -10,7 +10,7 @@ from nicegui import ui
 from models.demonstration import Demonstration
 from opcua_skill.client import ClientError
 from opcua_skill.client.recorder import Presses, Recorder, RecorderState
-from opcua_skill.panel.frame import Frame, title
+from opcua_skill.panel.layout import Frame, title
 from opcua_skill.panel.plate import Plate
 from opcua_skill.panel.strokes import appended
 

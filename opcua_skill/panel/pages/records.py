@@ -6,11 +6,11 @@ from collections.abc import Iterable
 
 from nicegui import ui
 
-from opcua_skill.panel.frame import Frame, title
+from opcua_skill.panel.formatting import mm, moment, state_tag
+from opcua_skill.panel.layout import Frame, title
 from opcua_skill.panel.modes import mode_tag
-from opcua_skill.panel.pages.jobs import told_of
+from opcua_skill.panel.pages.run.jobs import told_of
 from opcua_skill.panel.session import Happening
-from opcua_skill.panel.shown import mm, moment, state_tag
 
 MOST = 150
 SEVERE = 500

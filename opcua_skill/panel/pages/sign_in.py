@@ -7,9 +7,9 @@ from nicegui.events import GenericEventArguments
 
 from opcua_skill.client import ClientError
 from opcua_skill.panel.door import within
-from opcua_skill.panel.frame import STATIC
+from opcua_skill.panel.layout import STATIC
 from opcua_skill.panel.sessions import Sessions
-from opcua_skill.panel.words import LANGUAGES, Words, language_of
+from opcua_skill.panel.translation.words import LANGUAGES, Words, language_of
 
 # What stands in the fields goes with the press: sent before it, it may arrive after it while a page still connects.
 WRITTEN = "() => emit(...[...document.querySelectorAll('.sign-in input')].map((field) => field.value))"

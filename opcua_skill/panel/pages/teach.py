@@ -10,11 +10,11 @@ from nicegui import ui
 
 from models.demonstration import Demonstration
 from opcua_skill.client import JobReport, LearningOptions
-from opcua_skill.panel.frame import Frame, choose, title
+from opcua_skill.panel.formatting import mm, percent, seconds
+from opcua_skill.panel.layout import Frame, choose, title
 from opcua_skill.panel.pages.recorder import RecorderSheet
 from opcua_skill.panel.pages.upload import UploadSheet
 from opcua_skill.panel.plate import Plate
-from opcua_skill.panel.shown import mm, percent, seconds
 from opcua_skill.panel.strokes import PLATE_MM, NotADemonstration, drawn, free_name
 
 LEARNING_LIMIT = 600.0

@@ -10,8 +10,8 @@ from nicegui.events import MultiUploadEventArguments
 from library.errors import ChoiceNeeded, LibraryError, ReaderError
 from library.readers import Choices, common_plane, onto_plane
 from models.demonstration import Demonstration
-from opcua_skill.panel.frame import Frame, choose, title
-from opcua_skill.panel.shown import mm
+from opcua_skill.panel.formatting import mm
+from opcua_skill.panel.layout import Frame, choose, title
 from opcua_skill.panel.uploads import LARGEST, uploaded
 
 UNITS = ("", "mm", "cm", "m")

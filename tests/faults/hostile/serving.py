@@ -13,10 +13,10 @@ from pathlib import Path
 from asyncua import ua
 
 from opcua_skill.commands.arms import Arms
+from opcua_skill.configuration.settings import Settings
 from opcua_skill.security import TrustList
 from opcua_skill.security.access import Role
-from opcua_skill.server import SkillServerApp
-from opcua_skill.settings import Settings
+from opcua_skill.server.app import SkillServerApp
 from tests.opcua_skill.stack.small_server import CLIENT_URI, PASSWORD_HASH, add_cell, keys
 
 

@@ -12,7 +12,7 @@ from asyncua import Client, ua
 from asyncua.common.connection import SecureConnection
 from asyncua.ua.ua_binary import struct_to_binary
 
-from opcua_skill.stack.chunks import SecureChannel
+from opcua_skill.stack.transport.chunks import SecureChannel
 from tests.faults.hostile.peer import Stranger, chunk, header, hello, insider, open_channel, service, stranger, string
 from tests.faults.hostile.scene import Scene
 

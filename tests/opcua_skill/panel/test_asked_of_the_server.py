@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from models.demonstration import Edits
-from models.people import simulated_people
+from models.synthetic import simulated_people
 from opcua_skill.client import Refused, SkillClient
 
 PEOPLE = simulated_people(5, seed=4)[0]

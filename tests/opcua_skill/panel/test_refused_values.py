@@ -10,7 +10,7 @@ import pytest
 from library.errors import InvalidValue
 from library.recipe import Recipe
 from library.values import Value
-from opcua_skill.panel.sentences import SENTENCES
+from opcua_skill.panel.translation.sentences import SENTENCES
 from tests.library.test_description import description
 
 WRONG: list[Any] = [None, "text", "", 5, -1, 2.5, True, [], {}, [1], {"a": 1}, "x" * 5000, -1e30, ["a"], [[1.0]]]

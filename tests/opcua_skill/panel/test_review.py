@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from models.demonstration import Demonstration, Edits
 from models.learning import learn
-from models.people import simulated_people
+from models.synthetic import simulated_people
 from opcua_skill.client import Path
 from opcua_skill.panel.review import (
     Draft,

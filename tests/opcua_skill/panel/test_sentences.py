@@ -8,13 +8,13 @@ from pathlib import Path
 import pytest
 
 from models.errors import TooFewDemonstrations
-from opcua_skill.panel.german import GERMAN
-from opcua_skill.panel.sentences import PATTERNS, SENTENCES, German, with_comma
-from opcua_skill.panel.sentences.files import FILES
-from opcua_skill.panel.sentences.learning import LEARNING
-from opcua_skill.panel.sentences.library import LIBRARY
-from opcua_skill.panel.sentences.motion import MOTION
-from opcua_skill.panel.sentences.values import VALUES
+from opcua_skill.panel.translation.german import GERMAN
+from opcua_skill.panel.translation.sentences import PATTERNS, SENTENCES, German, with_comma
+from opcua_skill.panel.translation.sentences.files import FILES
+from opcua_skill.panel.translation.sentences.learning import LEARNING
+from opcua_skill.panel.translation.sentences.library import LIBRARY
+from opcua_skill.panel.translation.sentences.motion import MOTION
+from opcua_skill.panel.translation.sentences.values import VALUES
 from opcua_skill.security.settings import SecuritySettings
 
 ROOT = Path(__file__).parents[3]
@@ -30,12 +30,12 @@ ELSEWHERE = (
     "stack",
     "security",
     "migrations",
-    "nodes",
 )
 ALSO_ELSEWHERE = (
-    "settings.py", "conformance.py", "figures.py", "cli.py", "picture.py", "picture_worker.py", "imperfection.py",
-    "backups.py", "restoring.py", "snapshots.py", "people.py", "lasa.py", "atomic_skills.py", "server.py",
-    "bullet_world.py", "pybullet_worker.py", "kinematics.py",
+    "settings.py", "conformance.py", "figures.py", "cli.py", "picture.py", "worker.py", "disturbances.py",
+    "backups.py", "restoring.py", "snapshots.py", "synthetic.py", "lasa.py", "atomic_skills.py", "app.py",
+    "world.py", "kinematics.py", "address_space.py", "library_nodes.py", "members.py", "namespaces.py", "nodesets.py",
+    "recorder_nodes.py", "skills.py", "types.py", "units.py", "workstation_nodes.py",
 )  # fmt: skip
 BUILT_IN = (
     "ValueError",
@@ -49,7 +49,7 @@ BUILT_IN = (
 ENDINGS = (
     "Error", "Refused", "State", "Found", "Value", "Ready", "Executable", "Full", "Use", "Exists", "Unusable", "Fault",
     "Skill", "Another", "Demonstration", "Demonstrations", "Units", "Range", "Components", "Model", "Needed", "Failed",
-    "Damaged", "Possible", "Version", "Remark", "Finding", "AnyMore", "Wrong", "Died", "Timeout", "End",
+    "Damaged", "Possible", "Version", "Remark", "Finding", "Exceeded", "Samples", "Died", "Timeout", "End",
 )  # fmt: skip
 SAYING = ("out_of_range", "invalid", "_left_out", "need", "pause", "abort", "stop", "protective_stop")
 KEPT = (

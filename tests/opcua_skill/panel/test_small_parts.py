@@ -12,17 +12,17 @@ from opcua_skill import panel
 from opcua_skill.client import JobTrace, Recipe
 from opcua_skill.client import Path as LearnedPath
 from opcua_skill.panel.app import Address
-from opcua_skill.panel.frame import may_move, stopped
+from opcua_skill.panel.formatting import mm, percent, state_tag
+from opcua_skill.panel.layout import may_move, stopped
 from opcua_skill.panel.player import in_base, pauses
 from opcua_skill.panel.recipe_fields import FIELDS
 from opcua_skill.panel.session import PanelSession, Station
 from opcua_skill.panel.sessions import Sessions
-from opcua_skill.panel.shown import mm, percent, state_tag
 from opcua_skill.panel.strokes import NotADemonstration, drawn, free_name
+from opcua_skill.panel.translation.words import Words
 from opcua_skill.panel.uploads import uploaded
-from opcua_skill.panel.words import Words
 
-FORBIDDEN = ("sim", "opcua_skill.server", "opcua_skill.jobs", "opcua_skill.methods", "opcua_skill.nodes")
+FORBIDDEN = ("sim", "opcua_skill.server", "opcua_skill.jobs")
 ONLY_READERS = ("library.errors", "library.readers")
 
 
@@ -40,7 +40,7 @@ def test_no_page_has_a_dialog() -> None:
     for file in Path(panel.__file__).parent.rglob("*.py"):
         source = file.read_text(encoding="utf-8")
         assert "ui.dialog" not in source, file
-        assert source.count("ui.select(") == (1 if file.name == "frame.py" else 0), f"{file}: use choose()"
+        assert source.count("ui.select(") == (1 if file.name == "layout.py" else 0), f"{file}: use choose()"
 
 
 def test_a_replay_knows_where_a_run_stood_still_and_not_where_it_was_slow() -> None:

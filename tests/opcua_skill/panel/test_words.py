@@ -6,18 +6,20 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from library.description import Failure
-from opcua_skill.client.values import ENDED
-from opcua_skill.commands.output import counted
-from opcua_skill.panel import card, comparing, frame, recipe_fields
+from opcua_skill.commands.terminal.output import counted
+from opcua_skill.panel import card, comparing, layout, recipe_fields
 from opcua_skill.panel import modes as run_modes
-from opcua_skill.panel.german import GERMAN
-from opcua_skill.panel.pages import arm, comparison, held, jobs, library, motion, recipe_form, run, teach, upload
-from opcua_skill.panel.shown import STATE_SIGNS
+from opcua_skill.panel.formatting import STATE_SIGNS
+from opcua_skill.panel.pages import library, recipe_form, teach, upload
+from opcua_skill.panel.pages.run import arm, held, jobs, motion, page
+from opcua_skill.panel.pages.skill import comparison
 from opcua_skill.panel.strokes import NotADemonstration
-from opcua_skill.panel.words import Words, language_of
+from opcua_skill.panel.translation.german import GERMAN
+from opcua_skill.panel.translation.words import Words, language_of
 from opcua_skill.security.access import Role
+from opcua_skill.wire.values import ENDED
 
-PANEL = Path(frame.__file__).parent
+PANEL = Path(layout.__file__).parent
 
 
 def said(file: Path) -> Iterator[str]:
@@ -48,9 +50,9 @@ def texts(said: ast.expr) -> Iterator[str]:
 
 def tables() -> Iterator[str]:
     """Yield the texts that the pages keep in tables."""
-    yield from (name for name, _ in frame.PAGES)
-    yield from frame.MODE_WORDS.values()
-    yield frame.LOST
+    yield from (name for name, _ in layout.PAGES)
+    yield from layout.MODE_WORDS.values()
+    yield layout.LOST
     yield from STATE_SIGNS
     yield from library.STATES
     yield from run_modes.LOOKS
@@ -61,9 +63,9 @@ def tables() -> Iterator[str]:
     yield from ("arm", "server", held.STEPS)
     yield from motion.STEPS.values()
     yield from jobs.HEADS
-    yield from (frame.SILENT, frame.PANEL_SILENT, arm.ACKNOWLEDGE, arm.HOMING)
+    yield from (layout.SILENT, layout.PANEL_SILENT, arm.ACKNOWLEDGE, arm.HOMING)
     yield from ENDED
-    yield from run.VIEWS.values()
+    yield from page.VIEWS.values()
     yield from recipe_form.TIMINGS
     yield from recipe_form.TIMINGS.values()
     yield from recipe_form.CHOICE_WORDS.values()

@@ -9,7 +9,7 @@ import numpy as np
 import pytest_asyncio
 
 from models.demonstration import Demonstration
-from models.people import simulated_people
+from models.synthetic import simulated_people
 from opcua_skill.client import Recorder, Refused, SkillClient
 
 if TYPE_CHECKING:

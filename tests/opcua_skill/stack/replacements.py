@@ -11,8 +11,8 @@ from asyncua.common.utils import Buffer
 from asyncua.ua import ua_binary
 
 import opcua_skill.stack
-from opcua_skill.stack.decoding import install
 from opcua_skill.stack.limits import Limits
+from opcua_skill.stack.transport.decoding import install
 
 WIRING = {
     "sessions.SignedIn.__init__": "carries our identity in asyncua's user",
@@ -20,9 +20,9 @@ WIRING = {
     "calls.CheckedMethods.call": "asks for each call apart, so that one's fault is its own",
     "chunks.SecureChannel.__init__": "makes our buffers",
     "filters.EventFilter.__init__": "goes through lists of literals once",
-    "internal.SkillInternalServer.__init__": "puts our services in place",
-    "internal.SkillInternalServer.create_session": "makes our session",
-    "items.Items.__init__": "makes our tables",
+    "internal_server.SkillInternalServer.__init__": "puts our services in place",
+    "internal_server.SkillInternalServer.create_session": "makes our session",
+    "monitored_items.Items.__init__": "makes our tables",
     "processor.Processor.__init__": "puts our channel in place",
     "publishing.Publishing._evict_publish_request": "counts, then does what asyncua does",
     "server.SkillServer.__init__": "puts our internal server in place",
@@ -56,30 +56,32 @@ TESTS = {
     "decoding._enumeration": ["test_a_number_without_a_name_is_a_fault"],
     "decoding._extension_object": ["test_a_structure_with_a_foreign_body_is_a_fault"],
     "decoding.reshape": ["test_dimensions_need_not_fit"],
-    "diagnostic_records.security_record": ["test_a_field_called_encoding_is_a_byte"],
-    "diagnostics.Diagnostics.offer": ["test_capabilities_and_diagnostics_are_not_told"],
+    "records.security_record": ["test_a_field_called_encoding_is_a_byte"],
+    "server_diagnostics.Diagnostics.offer": ["test_capabilities_and_diagnostics_are_not_told"],
     "discovery.Registration.start": ["test_a_discovery_server_that_is_away_is_an_error"],
     "events.deliver": ["test_an_event_does_not_rise_to_the_server"],
     "filters.EventFilter.eval": ["test_a_filter_that_does_not_fit_an_event_is_a_traceback"],
     "filters.EventFilter._eval_op": ["test_a_filter_that_does_not_fit_an_event_is_a_traceback"],
     "filters.EventFilter._eval_el": ["test_of_type_is_for_the_exact_type"],
-    "internal.SkillInternalServer.stop": ["test_stopping_waits_for_the_clock_s_next_tick"],
-    "internal._NobodyByDefault.get_user": ["test_any_password_is_good"],
-    "internal.SkillInternalServer.admit_client": ["test_the_certificate_that_is_named_is_the_one_that_is_checked"],
-    "items.Items.create_monitored_items": ["test_an_item_ignores_range_and_filter"],
-    "items.Items._create_events_monitored_item": [
+    "internal_server.SkillInternalServer.stop": ["test_stopping_waits_for_the_clock_s_next_tick"],
+    "internal_server._NobodyByDefault.get_user": ["test_any_password_is_good"],
+    "internal_server.SkillInternalServer.admit_client": [
+        "test_the_certificate_that_is_named_is_the_one_that_is_checked"
+    ],
+    "monitored_items.Items.create_monitored_items": ["test_an_item_ignores_range_and_filter"],
+    "monitored_items.Items._create_events_monitored_item": [
         "test_an_item_ignores_range_and_filter",
         "test_a_full_queue_loses_in_silence",
     ],
-    "items.Items._create_data_change_monitored_item": ["test_an_item_ignores_range_and_filter"],
-    "items.Items._commit_monitored_item": ["test_an_item_that_samples_reports"],
-    "items.Items._set_monitoring_mode": ["test_an_item_that_samples_reports"],
-    "items.Items.modify_monitored_items": ["test_an_item_is_modified_beyond_bounds_or_with_a_fault"],
-    "items.Items._modify_monitored_item": ["test_an_item_is_modified_beyond_bounds_or_with_a_fault"],
-    "items.Items._delete_monitored_items": ["test_what_a_deleted_item_had_queued_is_still_sent"],
-    "items.Items.datachange_callback": ["test_a_node_that_is_gone_is_told_to_the_whole_subscription"],
+    "monitored_items.Items._create_data_change_monitored_item": ["test_an_item_ignores_range_and_filter"],
+    "monitored_items.Items._commit_monitored_item": ["test_an_item_that_samples_reports"],
+    "monitored_items.Items._set_monitoring_mode": ["test_an_item_that_samples_reports"],
+    "monitored_items.Items.modify_monitored_items": ["test_an_item_is_modified_beyond_bounds_or_with_a_fault"],
+    "monitored_items.Items._modify_monitored_item": ["test_an_item_is_modified_beyond_bounds_or_with_a_fault"],
+    "monitored_items.Items._delete_monitored_items": ["test_what_a_deleted_item_had_queued_is_still_sent"],
+    "monitored_items.Items.datachange_callback": ["test_a_node_that_is_gone_is_told_to_the_whole_subscription"],
     "data_filters.moved": ["test_a_deadband_on_text_is_a_fault"],
-    "items.Items._trigger_event": ["test_an_item_that_is_off_hears_events"],
+    "monitored_items.Items._trigger_event": ["test_an_item_that_is_off_hears_events"],
     "processor.Processor.answer": ["test_a_request_is_not_asked_for_its_token"],
     "processor.Processor.take": ["test_a_message_may_be_as_large_before_sign_in_as_after"],
     "processor.Processor.send_response": ["test_an_answer_may_be_larger_than_the_client_takes"],
@@ -129,21 +131,27 @@ TESTS = {
 }
 
 
+def _modules() -> dict[str, str]:
+    """Return the modules of the stack, by the last part of their names."""
+    every = pkgutil.walk_packages(opcua_skill.stack.__path__, "opcua_skill.stack.")
+    return {one.name.rpartition(".")[2]: one.name for one in every if not one.ispkg}
+
+
 def overridden() -> set[str]:
     """Return everything of asyncua that is replaced: methods of subclasses, and functions put in place of others."""
     found = set()
-    for info in pkgutil.iter_modules(opcua_skill.stack.__path__):
-        module = importlib.import_module(f"opcua_skill.stack.{info.name}")
+    for leaf, place in _modules().items():
+        module = importlib.import_module(place)
         for name, ours in vars(module).items():
             if inspect.isclass(ours) and ours.__module__ == module.__name__:
                 stock = [base for base in ours.__mro__ if base.__module__.startswith("asyncua")]
                 own = {one for one, what in vars(ours).items() if inspect.isfunction(what)}
-                found |= {f"{info.name}.{name}.{one}" for one in own if any(one in vars(base) for base in stock)}
+                found |= {f"{leaf}.{name}.{one}" for one in own if any(one in vars(base) for base in stock)}
     install(Limits())
     for place in (ua_binary, ua_binary._Bytes, ua_binary._String, Buffer):
         for what in vars(place).values():
             function = getattr(what, "__func__", what)
-            if getattr(function, "__module__", "") == "opcua_skill.stack.decoding":
+            if getattr(function, "__module__", "") == "opcua_skill.stack.transport.decoding":
                 found.add(f"decoding.{function.__name__}")
     return found
 
@@ -151,7 +159,7 @@ def overridden() -> set[str]:
 def exists(name: str) -> bool:
     """Return whether a replacement that the tables name is there."""
     module, *path = name.split(".")
-    found = importlib.import_module(f"opcua_skill.stack.{module}")
+    found = importlib.import_module(_modules()[module])
     for part in path:
         found = getattr(found, part, None)
     return found is not None

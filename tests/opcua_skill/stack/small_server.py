@@ -23,11 +23,11 @@ from opcua_skill.security import (
     hash_password,
 )
 from opcua_skill.security.access import Role, caller
-from opcua_skill.stack import decoding
-from opcua_skill.stack.calls import Argument, CallRecord, MethodSpec, Refused, add_method
-from opcua_skill.stack.decoding import install
 from opcua_skill.stack.limits import Limits
 from opcua_skill.stack.server import SkillServer
+from opcua_skill.stack.services.calls import Argument, CallRecord, MethodSpec, Refused, add_method
+from opcua_skill.stack.transport import decoding
+from opcua_skill.stack.transport.decoding import install
 
 PASSWORD = "correct horse battery"
 PASSWORD_HASH = hash_password(PASSWORD)

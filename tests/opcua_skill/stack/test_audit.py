@@ -7,9 +7,9 @@ import pytest
 from asyncua import ua
 
 from opcua_skill.security import TrustList
-from opcua_skill.stack.audit import SignInRecord, WriteRecord, sign_in_event
-from opcua_skill.stack.calls import Refused
-from opcua_skill.stack.values import node_id
+from opcua_skill.stack.address_space.values import node_id
+from opcua_skill.stack.diagnostics.audit import SignInRecord, WriteRecord, sign_in_event
+from opcua_skill.stack.services.calls import Refused
 from tests.opcua_skill.stack.small_server import Bench
 from tests.opcua_skill.stack.test_events import listen
 

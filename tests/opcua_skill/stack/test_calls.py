@@ -8,7 +8,7 @@ import pytest
 from asyncua import ua
 
 from opcua_skill.security.access import Role, caller
-from opcua_skill.stack.calls import MethodSpec, Refused, add_method
+from opcua_skill.stack.services.calls import MethodSpec, Refused, add_method
 from tests.opcua_skill.stack.small_server import Bench, until
 
 Codes = ua.StatusCodes

@@ -14,8 +14,8 @@ from asyncua.ua.ua_binary import struct_from_binary, struct_to_binary, variant_f
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from opcua_skill.stack.decoding import MALFORMED, decode, install, reshape
 from opcua_skill.stack.limits import Limits
+from opcua_skill.stack.transport.decoding import MALFORMED, decode, install, reshape
 
 REFUSED = (uaerrors.BadDecodingError, uaerrors.BadEncodingLimitsExceeded)
 text = st.text(st.characters(exclude_categories=["Cs"], exclude_characters="\0"))

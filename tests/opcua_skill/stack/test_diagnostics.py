@@ -7,7 +7,7 @@ from asyncua import Client, ua
 from asyncua.common.utils import Buffer
 from asyncua.ua.ua_binary import nodeid_from_binary
 
-from opcua_skill.stack.diagnostics import FLAG, SAMPLING, SECURITY, SESSIONS, SUBSCRIPTIONS, SUMMARY
+from opcua_skill.stack.diagnostics.server_diagnostics import FLAG, SAMPLING, SECURITY, SESSIONS, SUBSCRIPTIONS, SUMMARY
 from opcua_skill.stack.limits import Limits
 from tests.opcua_skill.stack.small_server import CLIENT_URI, Bench, small_server, until
 

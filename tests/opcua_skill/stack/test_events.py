@@ -6,7 +6,7 @@ import pytest
 from asyncua import Client, ua
 from asyncua.common.event_objects import BaseEvent, ProgramTransitionEvent
 
-from opcua_skill.stack.events import make_notifier
+from opcua_skill.stack.address_space.events import make_notifier
 from tests.opcua_skill.stack.small_server import Bench
 
 pytestmark = pytest.mark.asyncio(loop_scope="package")

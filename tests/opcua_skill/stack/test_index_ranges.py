@@ -9,7 +9,7 @@ from asyncua import Client, ua
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from opcua_skill.stack.index_ranges import index_range, part_of, with_part
+from opcua_skill.stack.services.index_ranges import index_range, part_of, with_part
 from tests.opcua_skill.stack.small_server import Bench, until
 
 Codes = ua.StatusCodes

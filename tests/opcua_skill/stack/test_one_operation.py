@@ -8,8 +8,8 @@ from asyncua import Client, ua
 from asyncua.crypto import uacrypto
 
 from opcua_skill.security.access import Peer
-from opcua_skill.stack.sessions import Channel
-from opcua_skill.stack.sign_in import read_password
+from opcua_skill.stack.sessions.sessions import Channel
+from opcua_skill.stack.sessions.sign_in import read_password
 from tests.opcua_skill.stack.small_server import Bench
 
 pytestmark = pytest.mark.asyncio(loop_scope="package")

@@ -6,9 +6,9 @@ from asyncua.common.event_objects import BaseEvent
 from hypothesis import given
 from hypothesis import strategies as st
 
-from opcua_skill.stack.events import make_notifier
+from opcua_skill.stack.address_space.events import make_notifier
 from opcua_skill.stack.limits import Limits
-from opcua_skill.stack.queues import OVERFLOW, make_room
+from opcua_skill.stack.subscriptions.queues import OVERFLOW, make_room
 from tests.opcua_skill.stack.small_server import Bench, small_server, until
 
 pytestmark = pytest.mark.asyncio(loop_scope="package")

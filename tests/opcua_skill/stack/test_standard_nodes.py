@@ -5,7 +5,7 @@ import time
 import pytest
 from asyncua import Client, ua
 
-from opcua_skill.stack.diagnostics import SECURITY
+from opcua_skill.stack.diagnostics.server_diagnostics import SECURITY
 from tests.opcua_skill.stack.door import SERVER, Door, Ids, events, items, monitored, open_door
 from tests.opcua_skill.stack.small_server import Bench
 

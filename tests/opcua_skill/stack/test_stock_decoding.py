@@ -29,7 +29,7 @@ def buffer(content: bytes):
 
 
 def mended(what: str) -> str:
-    return f"asyncua mends this: {what}. See whether opcua_skill/stack/decoding.py can do without it"
+    return f"asyncua mends this: {what}. See whether opcua_skill/stack/transport/decoding.py can do without it"
 
 
 def test_a_buffer_is_read_backwards():
