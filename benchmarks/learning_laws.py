@@ -17,7 +17,7 @@ from benchmarks.learning_groups import OPEN, KnownGroup, hand, known_group, shap
 from benchmarks.learning_material import lasa, lasa_at_hand, strokes, strokes_at_hand
 from benchmarks.learning_rows import Row, row
 from models.demonstration import Demonstration, Floats
-from models.errors import SkillError
+from models.errors import LearningError
 from models.evaluation import resampled
 from models.geometry import diagonal
 from models.learning import LearnedMotion, VerdictKind, learn
@@ -131,7 +131,7 @@ def judged(group: KnownGroup) -> str:
     """Return what is wrong with what is learned of a group; nothing if it is right."""
     try:
         learned = learn(group.people, compare=False)
-    except SkillError as refused:
+    except LearningError as refused:
         finding = getattr(refused, "finding", None)
         if group.expected == "places" and finding is not None and finding.code == "two-places":
             return "" if _near(finding.size, group.size) else f"refused with {finding.size}"

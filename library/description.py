@@ -16,7 +16,7 @@ from library.recipe import Recipe
 from library.records import AuditEntry, Cause, Failure, JobKind, JobMode, JobReport, StationRecord
 from library.values import Moment, Name, Text, Value
 from models.demonstration import Floats
-from models.errors import SkillError
+from models.errors import LearningError
 from models.motion import Clock, CovarianceRule, Motion
 
 __all__ = [
@@ -186,7 +186,7 @@ class SkillDescription(Value):
             raise InvalidValue("covariances", self.covariances, f"each is {columns} by {columns}")
         try:
             self.motion()
-        except SkillError as error:
+        except LearningError as error:
             raise InvalidValue("means", self.means, str(error)) from error
         covariances = np.array(self.covariances)
         if not np.allclose(covariances, covariances.transpose(0, 2, 1), rtol=1e-9, atol=1e-15):

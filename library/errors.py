@@ -3,6 +3,8 @@
 from enum import Enum, auto
 from pathlib import Path
 
+from models.errors import SkillError
+
 LONGEST_SHOWN = 200
 
 
@@ -17,7 +19,7 @@ class Trouble(Enum):
     OTHER = auto()
 
 
-class LibraryError(Exception):
+class LibraryError(SkillError):
     """Something the library refuses. The message is one sentence for the person who asked; nothing was stored."""
 
 

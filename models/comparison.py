@@ -18,7 +18,7 @@ from models.alignment.aligned import taken_at
 from models.alignment.dtw import Indices, warp
 from models.alignment.registration import mean_of
 from models.demonstration import Demonstration, Edits, Floats
-from models.errors import SkillError
+from models.errors import LearningError
 from models.evaluation import frechet, resampled, smoothness
 from models.geometry import norms
 from models.motion import Motion
@@ -120,7 +120,7 @@ def to_paper(motion: Motion, demonstrations: Sequence[Demonstration], edits: Edi
     aligned = taken_at(thinned, positions, np.ones_like(positions))
     try:
         fitted = fit_aligned(aligned, times, LearningOptions(preset="paper"))
-    except SkillError as refused:
+    except LearningError as refused:
         return {"note": str(refused)}
     mixture = fitted.mixture
     theirs = Motion(
@@ -171,7 +171,7 @@ def _as_published(demonstrations: Sequence[Demonstration], edits: Edits, window:
         one, struck = _strided(demonstrations[int(index)], edits)
         try:
             found.append(clean(one, struck, window, despiking=False))
-        except SkillError:
+        except LearningError:
             continue
     return found
 

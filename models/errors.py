@@ -4,6 +4,25 @@ from models.findings import Finding
 
 
 class SkillError(Exception):
+    """The root of all that is refused here. The message is one sentence for a person: what is wrong, and what to do.
+
+    ::
+
+        SkillError
+        ├── LearningError            demonstrations, options, edits, models
+        ├── LibraryError             what is remembered: NotFound, InvalidValue, InUse, Damaged, …
+        │   └── ReaderError          a file of recordings
+        ├── MotionRefused            a plan: findings, each with its place and by how much
+        ├── ArmError                 an arm that does not start, does not obey, or has failed
+        ├── DescriptionError         the files of somebody's own robot
+        ├── JobError                 a job that is not taken, or ends without a result
+        ├── ProgramRefused           a program for a closed controller
+        ├── BackupFault              a backup that cannot be made or restored
+        └── ClientError              on the other side of the wire: Refused, Unreachable, NotSignedIn, …
+    """
+
+
+class LearningError(SkillError):
     """A demonstration, an option or a model that cannot be used. The message is one sentence for an operator.
 
     ``argument`` names what is at fault in the caller's terms: ``demonstrations``, ``options``, ``edits`` or ``model``.
@@ -12,7 +31,7 @@ class SkillError(Exception):
     argument = "demonstrations"
 
 
-class TooFewDemonstrations(SkillError):
+class TooFewDemonstrations(LearningError):
     """Fewer usable demonstrations than a mean needs. ``reasons`` tell, one each, why the others are not usable."""
 
     def __init__(self, usable: int, needed: int, reasons: tuple[str, ...] = ()) -> None:
@@ -28,11 +47,11 @@ class TooFewDemonstrations(SkillError):
         return type(self), (self.usable, self.needed, self.reasons)
 
 
-class UnusableDemonstration(SkillError):
+class UnusableDemonstration(LearningError):
     """One recording that cannot be learned from; among good ones it becomes a verdict instead."""
 
 
-class MixedDemonstrations(SkillError):
+class MixedDemonstrations(LearningError):
     """Recordings that do not belong together: two and three dimensions, metres and millimetres, different shapes.
 
     ``finding``: which of them, where that is known.
@@ -47,17 +66,17 @@ class MixedDemonstrations(SkillError):
         return type(self), (str(self), self.finding)
 
 
-class UnlikelyUnits(SkillError):
+class UnlikelyUnits(LearningError):
     """Positions that can hardly be metres."""
 
 
-class OptionOutOfRange(SkillError):
+class OptionOutOfRange(LearningError):
     """A learning option outside what it may be."""
 
     argument = "options"
 
 
-class TooManyComponents(SkillError):
+class TooManyComponents(LearningError):
     """More Gaussians than the demonstrations can feed."""
 
     argument = "options"
@@ -71,13 +90,13 @@ class TooManyComponents(SkillError):
         return type(self), (self.components,)
 
 
-class UnknownDemonstration(SkillError):
+class UnknownDemonstration(LearningError):
     """An edit that names a recording or a sample that does not exist."""
 
     argument = "edits"
 
 
-class InvalidModel(SkillError):
+class InvalidModel(LearningError):
     """Means and covariances that are no mixture."""
 
     argument = "model"

@@ -17,7 +17,7 @@ from threadpoolctl import ThreadpoolController
 from models.alignment.registration import mean_of
 from models.comparison import end_error, path_error, to_paper, to_previous
 from models.demonstration import Demonstration, Edits, Floats
-from models.errors import MixedDemonstrations, SkillError, TooFewDemonstrations, UnknownDemonstration, UnlikelyUnits
+from models.errors import LearningError, MixedDemonstrations, TooFewDemonstrations, UnknownDemonstration, UnlikelyUnits
 from models.evaluation import smoothness
 from models.findings import Finding, Remark
 from models.geometry import diagonal, norms
@@ -117,7 +117,7 @@ def _learn(
             struck = edits.struck.get(name, frozenset())
             window = options.filter_window or preset.filter_window
             motions[index] = clean(demonstration, struck, window, preset.despiked)
-        except SkillError as error:
+        except LearningError as error:
             verdicts[index] = _left_out(name, str(error), "invalid")
     _check_units(motions, verdicts)
     if len({motion.points.shape[1] for motion in motions.values()}) > 1:

@@ -14,6 +14,7 @@ from typing import Protocol
 
 import numpy as np
 
+from models.errors import SkillError
 from sim.arm_model import ArmModel, Bools, Floats, Pose, Stage
 from sim.plan import MotionPlan
 
@@ -102,7 +103,7 @@ def angles_between(one: Floats, other: Floats) -> Floats:
     return 4.0 * np.arcsin(np.clip(0.5 * apart, 0.0, 1.0))
 
 
-class ArmError(Exception):
+class ArmError(SkillError):
     """Something an arm would not or could not do. ``failure`` is the word of the job report's list of failures."""
 
     def __init__(self, failure: str, text: str) -> None:

@@ -5,6 +5,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from models.errors import SkillError
+
 Code = Literal[
     "WorkspaceLimit", "JointLimit", "SpeedLimit", "NoIkSolution", "Singularity", "Collision", "ParameterInvalid"
 ]
@@ -33,7 +35,7 @@ class Finding:
     joint: int = 0
 
 
-class MotionRefused(Exception):
+class MotionRefused(SkillError):
     """A motion that will not be planned: nothing has moved. ``failure`` is the word for the job report."""
 
     def __init__(self, findings: Sequence[Finding]) -> None:

@@ -24,6 +24,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 from library.errors import LibraryUnusable
 from library.private_files import make_private
 from library.snapshots import check_copy, copy_library
+from models.errors import SkillError
 from opcua_skill.configuration.data_lock import database_file, lock_files
 from opcua_skill.configuration.settings import Settings
 
@@ -32,7 +33,7 @@ MARGIN = 1_000_000
 """bytes that a disk has to have free beside those of a backup."""
 
 
-class BackupFault(Exception):
+class BackupFault(SkillError):
     """A backup that cannot be made, or one that cannot be restored: one sentence. What was there is as it was."""
 
 

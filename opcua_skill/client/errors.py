@@ -5,8 +5,10 @@ from collections.abc import Sequence
 from asyncua import ua
 from asyncua.ua.status_codes import StatusCodes
 
+from models.errors import SkillError
 
-class ClientError(Exception):
+
+class ClientError(SkillError):
     """The base of everything a `SkillClient` raises. The message is one sentence."""
 
 

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from opcua_skill.commands.terminal.errors import Fault
+from models.errors import SkillError
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,17 +142,6 @@ def status_of(arguments: list[str]) -> int:
         app(args=arguments, prog_name="opcua-skill")
     except SystemExit as left:
         return left.code if left.code in {0, 1, 2} else 1
-    except Exception as error:
-        if not isinstance(error, _meant()):
-            raise
+    except (SkillError, OSError) as error:
         typer.echo(f"error: {' '.join(str(error).split())}", err=True)
     return 1
-
-
-def _meant() -> tuple[type[Exception], ...]:
-    """Return the errors whose text is the answer to a person. Imported only when there is one: these are heavy."""
-    from library.errors import LibraryError
-    from models.errors import SkillError
-    from opcua_skill.client.errors import ClientError
-
-    return Fault, ClientError, SkillError, LibraryError, OSError

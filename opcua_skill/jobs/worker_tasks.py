@@ -13,7 +13,7 @@ from library.description import SkillDescription
 from library.errors import InvalidValue
 from library.private_files import make_private, write_private
 from models.demonstration import Demonstration, Edits
-from models.errors import SkillError
+from models.errors import LearningError
 from models.motion import Motion, Trajectory
 from models.options import LearningOptions
 from models.report import LearnedMotion, Previous
@@ -71,7 +71,7 @@ def learn_skill(
 
     try:
         return learn(demonstrations, edits, options, progress=report_progress, previous=previous)
-    except SkillError as error:
+    except LearningError as error:
         return LearningRefused(error.argument, str(error))
 
 

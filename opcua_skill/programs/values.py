@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 
+from models.errors import SkillError
 from sim.arm_model import Floats
 
 Reason = Literal[
@@ -15,7 +16,7 @@ Reason = Literal[
 ]  # fmt: skip
 
 
-class ProgramRefused(Exception):
+class ProgramRefused(SkillError):
     """No program: ``reason`` in one word, the message in one sentence with the way out."""
 
     def __init__(self, reason: Reason, text: str) -> None:

@@ -18,7 +18,7 @@ from library.errors import (
     OwnVersion,
     Trouble,
 )
-from models.errors import SkillError
+from models.errors import LearningError
 from opcua_skill.jobs import ArmNotReady, LacksAtomicSkill, LearningFailed, MotionNotPossible, NotExecutable, QueueFull
 from opcua_skill.security.arm_lock import LockedByAnother
 from opcua_skill.stack.services.calls import Refused
@@ -107,7 +107,7 @@ def refusing(
                 raise out_of_range((fields or {}).get(error.field, blame), str(error)) from error
             except LearningFailed as error:
                 raise out_of_range(BLAMED.get(error.argument, blame), str(error)) from error
-            except SkillError as error:
+            except LearningError as error:
                 raise out_of_range(BLAMED.get(error.argument, blame), str(error)) from error
 
         return translated

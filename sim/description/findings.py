@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from typing import Literal
 
+from models.errors import SkillError
+
 Weight = Literal["error", "warning", "note"]
 Code = Literal[
     "FilesMissing",
@@ -79,3 +81,7 @@ def warning(code: Code, where: str, text: str) -> ArmFinding:
 def note(code: Code, where: str, text: str) -> ArmFinding:
     """Return a finding that is only to be known."""
     return ArmFinding(code, "note", where, text)
+
+
+class DescriptionError(SkillError, ValueError):
+    """Files of a robot that cannot be read, proposed from or measured with: one sentence with the way out."""

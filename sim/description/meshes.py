@@ -9,6 +9,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from sim.arm_model import Floats
+from sim.description.findings import DescriptionError
 from sim.description.urdf import Shape
 
 RIM = 48
@@ -16,7 +17,7 @@ HUGE, MOST = 20_000_000, 400_000_000
 FORMATS = (".stl", ".obj", ".dae")
 
 
-class MeshRefused(ValueError):
+class MeshRefused(DescriptionError):
     """A mesh that cannot be read: one sentence with the way out."""
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from sim.arm_model import ArmModel, Bools, Capsule, Floats, Limits, PathLimits, Tool
 from sim.description import urdf
 from sim.description.capsules import Fit, fit
-from sim.description.findings import ArmFinding, error
+from sim.description.findings import ArmFinding, DescriptionError, error
 from sim.description.reach import grid, reachable, reaching, seeds
 from sim.description.shapes import carried
 from sim.planning.clearance import Cell, between_links, least_distances
@@ -29,7 +29,7 @@ DRAWN = 3000
 TO_CONFIRM = ("home", "limits", "path", "tool", "cell", "hull")
 
 
-class NotDescribable(ValueError):
+class NotDescribable(DescriptionError):
     """A URDF from which no limits file can be proposed: ``findings`` say why, each with its way out."""
 
     def __init__(self, findings: list[ArmFinding]) -> None:

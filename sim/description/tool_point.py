@@ -7,6 +7,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from sim.arm_model import Floats
+from sim.description.findings import DescriptionError
 
 FEWEST = 4
 # In rad: poses turned less than that from each other say nothing of the tip.
@@ -15,7 +16,7 @@ LEAST_TURN = math.radians(15.0)
 LEAST_SHARE = 0.02
 
 
-class PosesRefused(ValueError):
+class PosesRefused(DescriptionError):
     """Poses from which no tip can be worked out: one sentence with the way out."""
 
 

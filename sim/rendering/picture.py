@@ -9,13 +9,14 @@ import tempfile
 from pathlib import Path
 from typing import Literal
 
+from models.errors import SkillError
 from sim.arm_model import ArmModel
 from sim.plan import MotionPlan
 
 PATIENCE = 180.0
 
 
-class PictureFailed(Exception):
+class PictureFailed(SkillError):
     """A picture that could not be drawn; the message is one sentence."""
 
 

@@ -1,4 +1,4 @@
-"""Whatever comes in: a right answer, or a SkillError that says what to do. Never another exception, never NaN."""
+"""Whatever comes in: a right answer, or a LearningError that says what to do. Never another exception, never NaN."""
 
 import math
 
@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from models.demonstration import Demonstration, Edits
-from models.errors import SkillError
+from models.errors import LearningError
 from models.learning import LearnedMotion, LearningOptions, learn
 from models.synthetic import simulated_people
 
@@ -29,7 +29,7 @@ def learned_or_refused(
     """Return what was learned, checked to be sound, or None where it was refused with a reason."""
     try:
         learned = learn(demonstrations, options=options)
-    except SkillError as refused:
+    except LearningError as refused:
         assert len(str(refused)) > 20
         return None
     path = learned.motion.as_learned()
@@ -90,7 +90,7 @@ def test_movement_along_one_axis_in_space_is_learned(preset: str) -> None:
     ids=["none", "one", "still", "NaN", "infinite", "empty", "two points", "four columns", "one column", "same id"],
 )
 def test_what_cannot_be_learned_is_refused(demonstrations: list[Demonstration]) -> None:
-    with pytest.raises(SkillError):
+    with pytest.raises(LearningError):
         learn(demonstrations)
 
 
@@ -158,7 +158,7 @@ def test_shapes_half_and_half_are_not_averaged_silently() -> None:
         drawn(0.03 * np.column_stack([np.cos(angle), np.sin(angle)]) + 0.04 + 0.001 * i, f"circle-{i}")
         for i in range(3)
     ]
-    with pytest.raises(SkillError, match="different shapes"):
+    with pytest.raises(LearningError, match="different shapes"):
         learn([*circles, *PEOPLE[:3]])
 
 

@@ -11,9 +11,9 @@ import pytest
 
 from models.demonstration import Demonstration, Edits
 from models.errors import (
+    LearningError,
     MixedDemonstrations,
     OptionOutOfRange,
-    SkillError,
     TooFewDemonstrations,
     UnknownDemonstration,
     UnlikelyUnits,
@@ -148,7 +148,7 @@ def test_options_out_of_range_are_refused(options: dict[str, object]) -> None:
 
 def test_every_error_is_a_skill_error_that_names_its_argument() -> None:
     for error in (TooFewDemonstrations(0, 2), UnlikelyUnits("x"), UnknownDemonstration("x"), OptionOutOfRange("x")):
-        assert isinstance(error, SkillError)
+        assert isinstance(error, LearningError)
         assert error.argument in {"demonstrations", "options", "edits", "model"}
 
 

@@ -313,7 +313,7 @@ def simulation_of(plant: "Plant") -> int:
     found = []
     for entry in Path("/proc").iterdir():
         with contextlib.suppress(OSError):
-            if entry.name.isdigit() and b"pybullet_worker" in (entry / "cmdline").read_bytes():
+            if entry.name.isdigit() and b"pybullet.worker" in (entry / "cmdline").read_bytes():
                 parent = (entry / "stat").read_text().rsplit(")", 1)[1].split()[1]
                 if int(parent) == plant.process.pid:
                     found.append(int(entry.name))

@@ -13,6 +13,7 @@ import itertools
 import os
 import shutil
 import sqlite3
+import sys
 import tempfile
 from collections.abc import Awaitable, Callable
 from dataclasses import replace
@@ -200,7 +201,8 @@ class Day(RuleBasedStateMachine):
         self.pending: set[asyncio.Task[None]] = set()
         self.job_ids: list[str] = []
         self.recipe: Any = None
-        self.scratch = Path(tempfile.mkdtemp(dir=MEMORY if MEMORY.is_dir() else None))
+        self.day = Path(tempfile.mkdtemp(dir=MEMORY if MEMORY.is_dir() else None))
+        self.scratch = Path(tempfile.mkdtemp(dir=self.day))
         self.shift: Shift
 
     def run(self, work: Awaitable[Any]) -> Any:
@@ -471,7 +473,7 @@ class Day(RuleBasedStateMachine):
     def kill_the_server(self, busy: bool) -> None:
         self.under_way(busy)
         before = self.shift
-        self.scratch = Path(tempfile.mkdtemp(dir=self.scratch))
+        self.scratch = Path(tempfile.mkdtemp(dir=self.day))
         for name in ("skills.db", "skills.db-wal"):
             if (before.folder / name).exists():
                 shutil.copy(before.folder / name, self.scratch / name)
@@ -501,15 +503,13 @@ class Day(RuleBasedStateMachine):
 
     def teardown(self) -> None:
         try:
-            self._evening()
+            if sys.exc_info()[0] is None:  # what failed in the day is told, not what it leaves for the evening
+                self._evening()
         finally:
             self.run(self.shift.stop())
             self.loop.close()
-            shutil.rmtree(next(one for one in (self.scratch, *self.scratch.parents) if one.parent == self._root()))
+            shutil.rmtree(self.day)
             self.patience.undo()
-
-    def _root(self) -> Path:
-        return MEMORY if MEMORY.is_dir() else Path(tempfile.gettempdir())
 
     def _evening(self) -> None:
         """Every motion of the day was wanted; put right what went wrong, and the next job runs."""
