@@ -6,10 +6,10 @@ from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
-from library.database import BUSY_SECONDS, waiting_at_most
 from library.description import Failure, JobReport, JobState, Recipe, SkillDescription
 from library.errors import NotFound
 from library.store import SkillLibrary
+from library.turns import BUSY_SECONDS, waiting_at_most
 from models.demonstration import Demonstration, Edits
 from models.options import LearningOptions
 from models.report import LearnedMotion, Previous, mean_repeatability

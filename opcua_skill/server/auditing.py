@@ -6,9 +6,9 @@ import logging
 from collections import deque
 from collections.abc import Callable
 
-from library.database import waiting_at_most
 from library.records import AuditEntry
 from library.store import SkillLibrary
+from library.turns import waiting_at_most
 
 KEPT = 2_000
 WAITED_FOR = 1.0

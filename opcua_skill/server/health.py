@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 
-from library.database import waiting_at_most
 from library.errors import LibraryUnusable, Trouble
 from library.store import SkillLibrary
+from library.turns import waiting_at_most
 
 CHECK_EVERY, LIMIT = 0.5, 1.0
 LEAST_FREE = 20 * 1024 * 1024

@@ -6,7 +6,6 @@ from typing import Any
 
 from asyncua.ua.status_codes import StatusCodes
 
-from library.database import waiting_at_most
 from library.errors import (
     AlreadyExists,
     DigestDiffers,
@@ -18,6 +17,7 @@ from library.errors import (
     OwnVersion,
     Trouble,
 )
+from library.turns import waiting_at_most
 from models.errors import LearningError
 from opcua_skill.jobs import ArmNotReady, LacksAtomicSkill, LearningFailed, MotionNotPossible, NotExecutable, QueueFull
 from opcua_skill.security.arm_lock import LockedByAnother
