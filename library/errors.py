@@ -16,6 +16,7 @@ class Trouble(Enum):
     DAMAGED = auto()
     FORBIDDEN = auto()
     DISK = auto()
+    UNREACHABLE = auto()
     OTHER = auto()
 
 

@@ -20,6 +20,7 @@ from library.description import (
     VersionState,
 )
 from library.names import normal
+from library.postgresql.roles import weakness
 from library.queries import audit as audit_rows
 from library.queries import deployments as deployment_rows
 from library.queries import jobs as job_rows
@@ -70,6 +71,10 @@ class SkillLibrary:
     async def check_writable(self) -> None:
         """Raise LibraryUnusable if nothing could be stored now."""
         await self._database.check_writable()
+
+    async def weakness(self) -> str:
+        """Return what weakens the guards of what is never changed, in words; "" where they hold."""
+        return await self._database.read(weakness)
 
     # Skills
 

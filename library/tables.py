@@ -8,6 +8,9 @@ from sqlalchemy import Column, ForeignKey, ForeignKeyConstraint, Index, Integer,
 
 from library.values import MAX_NAME, MAX_RECIPE_ID
 
+VERSION_TABLE = "alembic_version"
+"""Alembic's own table: which step of the migrations the others are at."""
+
 metadata = MetaData(
     naming_convention={
         "ix": "ix_%(table_name)s_%(column_0_N_name)s",

@@ -5,9 +5,8 @@ from pathlib import Path
 import sqlalchemy as sql
 
 from library.errors import LibraryUnusable
-from library.tables import metadata
-
-VERSION_TABLE = "alembic_version"
+from library.postgresql.roles import may_migrate, refuse_migrating
+from library.tables import VERSION_TABLE, metadata
 
 
 def migrate(connection: sql.Connection, where: str, to: str = "head") -> None:
@@ -27,6 +26,8 @@ def migrate(connection: sql.Connection, where: str, to: str = "head") -> None:
             "install that version or a later one",
         )
     if to != "head" or found != [max(known)]:
+        if connection.dialect.name == "postgresql" and not may_migrate(connection, tables):
+            raise refuse_migrating(where, "".join(found))
         _upgrade(connection, to)
     if to == "head":
         _check_tables(connection, where)

@@ -1,6 +1,8 @@
 """Small hand-made values, and a library in a folder of its own."""
 
-from collections.abc import AsyncIterator, Callable, Sequence
+import asyncio
+from collections.abc import AsyncIterator, Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -14,6 +16,7 @@ from models.demonstration import Demonstration, Edits
 from models.motion import Motion
 from models.options import LearningOptions
 from models.report import AlignedDemonstration, LearnedMotion, LearningReport, Verdict, VerdictKind
+from tests import postgres
 
 PRESSURE = Parameter(name="pressure", unit="bar", default=2.0, minimum=0.0, maximum=6.0)
 
@@ -108,10 +111,36 @@ def database_file(tmp_path: Path) -> Path:
     return tmp_path / "data" / "library.sqlite"
 
 
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    """What is asked of a library is asked on both engines, unless a test looks into the file of one."""
+    if "library" in metafunc.fixturenames and "database_file" not in metafunc.fixturenames:
+        engines = ["sqlite", "postgresql"] if postgres.available() else ["sqlite"]
+        metafunc.parametrize("engine", engines, indirect=True)
+
+
+@pytest.fixture(scope="session")
+def cluster() -> Iterator[postgres.Cluster]:
+    """A PostgreSQL server with a prepared database to make others from."""
+    with postgres.cluster() as running:
+        with ThreadPoolExecutor(1) as beside_the_loop:  # of the test that asks for it first
+            beside_the_loop.submit(asyncio.run, postgres.prepare_template(running)).result()
+        yield running
+
+
 @pytest.fixture
-async def library(database_file: Path) -> AsyncIterator[SkillLibrary]:
+async def engine(request: pytest.FixtureRequest, tmp_path: Path) -> str:
+    """Where the library of this test is: a file, unless a test asks for more."""
+    if getattr(request, "param", "sqlite") == "sqlite":
+        return str(tmp_path / "data" / "library.sqlite")
+    cluster: postgres.Cluster = request.getfixturevalue("cluster")
+    await cluster.empty("template_library")  # a database of its own for each test would be 8 MB of files each
+    return cluster.url("template_library")
+
+
+@pytest.fixture
+async def library(engine: str) -> AsyncIterator[SkillLibrary]:
     """An empty library, open."""
-    async with await SkillLibrary.open(database_file) as opened:
+    async with await SkillLibrary.open(engine) as opened:
         yield opened
 
 

@@ -46,9 +46,11 @@ def upgrade() -> None:
         _refuse(table, "UPDATE", f"a row of {table} is never changed")
         _refuse(table, "DELETE", f"a row of {table} is never deleted")
         _refuse_replacing(table, key)
+        _refuse_emptying(table)
     _refuse("versions", f"UPDATE OF {', '.join(MODEL_COLUMNS)}", "a version is never changed, learn a new one")
     _refuse("versions", "DELETE", "a version is never deleted, retire it")
     _refuse_replacing("versions", ("skill_name", "version"))
+    _refuse_emptying("versions")
 
 
 def _refuse(table: str, action: str, reason: str) -> None:
@@ -79,3 +81,9 @@ def _refuse_replacing(table: str, key: tuple[str, ...]) -> None:
             f"BEGIN SELECT RAISE(ABORT, 'a row of {table} is never replaced'); END"
         )
     )
+
+
+def _refuse_emptying(table: str) -> None:
+    """Close PostgreSQL's side door: TRUNCATE deletes all rows without their trigger being asked."""
+    if op.get_context().dialect.name == "postgresql":
+        _refuse(table, "TRUNCATE", f"a row of {table} is never deleted")

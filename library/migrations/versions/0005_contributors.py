@@ -34,8 +34,9 @@ def upgrade() -> None:
 
 def _fill() -> None:
     connection = op.get_bind()
-    names = ("skill_name", "version", "created_by", "provenance", "contributors")
-    versions = sql.table("versions", *(sql.column(name, sql.String) for name in names))
+    names = ("skill_name", "created_by", "provenance", "contributors")
+    texts = (sql.column(name, sql.String) for name in names)
+    versions = sql.table("versions", *texts, sql.column("version", sql.Integer))
     known: dict[tuple[str, int], list[str]] = {}
     rows = sql.select(versions).order_by(versions.c.skill_name, versions.c.version)
     for row in connection.execute(rows).all():
