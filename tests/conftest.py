@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import json
 import os
 import shutil
 import signal
@@ -116,6 +117,8 @@ class Plant:
     port: int = field(default_factory=free_port)
     process: prepared.Forked | None = None
     password: str = PASSWORD
+    library: str = ""
+    """Where the library is, if not in the data folder."""
 
     @property
     def url(self) -> str:
@@ -137,14 +140,15 @@ class Plant:
     def set_up(self) -> None:
         """Write configuration, users and trust, as an administrator does before the first start."""
         self.folder.mkdir(parents=True, exist_ok=True)
-        (self.folder / "plant.toml").write_text(self.settings, encoding="utf-8")
+        named = f"database = {json.dumps(self.library)}\n" if self.library else ""
+        (self.folder / "plant.toml").write_text(named + self.settings, encoding="utf-8")
         mine = ensure_client_certificate(self.client_folder, APPLICATION_URI)
         TrustList(self.data / "certificates").trust(mine.certificate_file)
         asyncio.run(self._add_users())
 
     async def _add_users(self) -> None:
         secret = hash_password(PASSWORD)
-        library = await SkillLibrary.open(str(self.database))
+        library = await SkillLibrary.open(self.library or str(self.database))
         try:
             for name, role in USERS.items():
                 await library.add_user(name, role, secret)
@@ -240,9 +244,11 @@ def make_plant(tmp_path_factory: pytest.TempPathFactory) -> Iterator[MakePlant]:
     """Return a function that makes a running plant; all are stopped when the module has ended."""
     made: list[Plant] = []
 
-    def make(settings: str = "", *, driver: str = "kinematic", realtime: bool = False, start: bool = True) -> Plant:
+    def make(
+        settings: str = "", *, driver: str = "kinematic", realtime: bool = False, start: bool = True, library: str = ""
+    ) -> Plant:
         words = settings or SETTINGS.format(driver=driver, realtime=str(realtime).lower())
-        plant = Plant(tmp_path_factory.mktemp("plant"), words)
+        plant = Plant(tmp_path_factory.mktemp("plant"), words, library=library)
         plant.set_up()
         made.append(plant)
         if start:

@@ -77,7 +77,7 @@ def make_backup(settings: Settings, target: Path) -> Manifest:
     """
     data, database = settings.data.resolve(), database_file(settings)
     if database is None:
-        raise BackupFault(f"the library is {settings.database_address}, no file: use the tools of that database")
+        raise BackupFault("the library is on a database server: back it up with its tools (pg_dump, pg_basebackup)")
     if not data.is_dir() or not database.is_file():
         raise BackupFault(f"there is no library {database}: check --data")
     target = target.absolute()

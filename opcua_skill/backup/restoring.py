@@ -22,7 +22,7 @@ async def restore(settings: Settings, backup: Path) -> Manifest:
     """
     data, database = settings.data.resolve(), database_file(settings)
     if database is None:
-        raise BackupFault(f"the library is {settings.database_address}, no file: use the tools of that database")
+        raise BackupFault("the library is on a database server: back it up with its tools (pg_dump, pg_basebackup)")
     if (served := holder(settings)) is not None:
         raise BackupFault(f"{data} is served by {served}: stop that server first, or name another folder with --data")
     _check_empty(data, database, settings)

@@ -56,6 +56,7 @@ VERBS = {
     "users": Verb("users", "app", "Users and their roles, on the data folder of a server."),
     "certificates": Verb("certificates", "app", "Certificates, on the data folder of a server."),
     "sessions": Verb("sessions", "app", "Sessions of a running server: who is signed in, and ending one."),
+    "library": Verb("library", "app", "The library's database: prepared for servers, and copied to another."),
     "audit": Verb("audit", "audit", "Show the audit trail of a server, the newest entries first."),
     "backup": Verb(
         "backup",

@@ -99,6 +99,7 @@ class SkillServerApp:
         self._logs = Logs()
         self.watchdog = Watchdog()
         self._mentioning: asyncio.Task[None] | None = None
+        self._weakness = ""
         self.library: SkillLibrary
         self.jobs: JobEngine
         self.server: SkillServer
@@ -125,7 +126,7 @@ class SkillServerApp:
     @property
     def insecure(self) -> tuple[str, ...]:
         """What the configuration weakens, in words; empty as it comes."""
-        return self.server.insecure
+        return (*self.server.insecure, *([self._weakness] if self._weakness else []))
 
     async def start(self) -> None:
         """Lock the data folder, bind the port, open the library, build the address space, the arms, the endpoint.
@@ -148,6 +149,9 @@ class SkillServerApp:
             undo.callback(port.close)
             self.library = await SkillLibrary.open(settings.database_address)
             undo.push_async_callback(self.library.close)
+            self._weakness = await self.library.weakness()
+            if self._weakness:
+                _log.warning("%s: opcua-skill library prepare makes a role that cannot", self._weakness)
             users = await self.library.users()
             check_users(users)
             tell_doubles(users)

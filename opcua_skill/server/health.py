@@ -24,6 +24,7 @@ class FaultKind(StrEnum):
 
     LIBRARY_SILENT = "LibrarySilent"
     LIBRARY_LOCKED = "LibraryLocked"
+    LIBRARY_UNREACHABLE = "LibraryUnreachable"
     LIBRARY_UNUSABLE = "LibraryUnusable"
     AUDIT_BEHIND = "AuditBehind"
     DISK_FULL = "DiskFull"
@@ -42,6 +43,7 @@ class Fault:
 
 _TROUBLES = {
     Trouble.LOCKED: Fault(FaultKind.LIBRARY_LOCKED, "another program holds the library's database locked"),
+    Trouble.UNREACHABLE: Fault(FaultKind.LIBRARY_UNREACHABLE, "the library's database server cannot be reached"),
     Trouble.FULL: Fault(FaultKind.DISK_FULL, "the library cannot be written: its disk is full"),
 }
 

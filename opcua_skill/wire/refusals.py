@@ -46,6 +46,10 @@ UNUSABLE: dict[Trouble, tuple[int, str]] = {
         Code.BadTimeout,
         "another program holds the library's database locked: nothing was stored, try again when it has let go",
     ),
+    Trouble.UNREACHABLE: (
+        Code.BadResourceUnavailable,
+        "the library's database server cannot be reached: nothing was stored, try again when it is there again",
+    ),
     Trouble.FULL: (
         Code.BadResourceUnavailable,
         "the library's disk is full: nothing was stored, free space on it and try again",

@@ -70,6 +70,10 @@ LIBRARY = {
         "ein anderes Programm sperrt die Datenbank der Bibliothek: nichts wurde gespeichert, noch einmal versuchen, "
         "wenn es sie freigegeben hat"
     ),
+    "the library's database server cannot be reached: nothing was stored, try again when it is there again": (
+        "der Datenbankserver der Bibliothek ist nicht erreichbar: nichts wurde gespeichert, noch einmal versuchen, "
+        "wenn er wieder da ist"
+    ),
     "the library's disk is full: nothing was stored, free space on it and try again": (
         "der Datenträger der Bibliothek ist voll: nichts wurde gespeichert, Platz schaffen und noch einmal versuchen"
     ),
@@ -82,6 +86,7 @@ LIBRARY = {
     ),
     "{n} lines of the log were dropped: too many came": "{n} Zeilen des Logs fielen weg: es kamen zu viele",
     "another program holds the library's database locked": "ein anderes Programm sperrt die Datenbank der Bibliothek",
+    "the library's database server cannot be reached": "der Datenbankserver der Bibliothek ist nicht erreichbar",
     "the library cannot be written: its disk is full": "die Bibliothek ist nicht beschreibbar: Datenträger voll",
     "the disk of the data folder is full: free space on it": "der Datenträger der Daten ist voll: Platz schaffen",
     "the library does not answer": "die Bibliothek antwortet nicht",
@@ -227,6 +232,14 @@ LIBRARY = {
         "als sqlite:///pfad/zur/datei schreiben oder eine Datei nennen"
     ),
     "name a file in a folder that this user may write": "Datei in einem Ordner mit Schreibrecht nennen",
+    "{x} is none of sqlite, postgresql+asyncpg": "{x} ist keines von sqlite, postgresql+asyncpg",
+    "the connection broke while it was stored, maybe it is": (
+        "die Verbindung brach beim Speichern ab, vielleicht ist es gespeichert"
+    ),
+    "look up what is there before trying again": "nachsehen, was da ist, bevor es noch einmal versucht wird",
+    "the database role {x} owns the library's tables and can drop what guards them": (
+        "der Datenbankbenutzer {x} besitzt die Tabellen der Bibliothek und kann entfernen, was sie schützt"
+    ),
     "name a file, or a database whose driver is installed": "Datei nennen oder Datenbank mit installiertem Treiber",
     # jobs
     "{name} is not deployed on {where}: deploy it first": (
