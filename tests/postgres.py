@@ -129,7 +129,7 @@ def cluster() -> Iterator[Cluster]:
 
 async def prepare_template(server: Cluster) -> None:
     """Make both roles, and the database `template_library` that others are made from: prepared, and empty."""
-    from library.postgresql.preparing import prepare
+    from library.preparing import prepare
 
     await server.execute(
         "postgres",

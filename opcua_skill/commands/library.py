@@ -27,7 +27,7 @@ def prepare(
     never changed, nor drop what guards it. Passwords are taken from PGPASSWORD or ~/.pgpass where URL has none.
     """
     from library.database import address
-    from library.postgresql.preparing import prepare as make_ready
+    from library.preparing import prepare as make_ready
 
     asyncio.run(make_ready(url, role))
     named = address(url)

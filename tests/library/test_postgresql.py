@@ -11,8 +11,8 @@ from alembic.migration import MigrationContext
 
 from library import tables
 from library.errors import LibraryError, LibraryUnusable, NotAllowedInState, Trouble
-from library.postgresql.preparing import prepare
 from library.postgresql.transactions import WRITERS_LOCK
+from library.preparing import prepare
 from library.queries import audit as audit_rows
 from library.records import AuditEntry, JobReport, JobTrace
 from library.store import SkillLibrary
