@@ -42,7 +42,7 @@ class Database:
 
     def __init__(self, transactions: Transactions, where: str) -> None:
         self._transactions = transactions
-        self._where = where
+        self.where = where
         self._running: set[asyncio.Future[Any]] = set()
         self._written = 0.0
 
@@ -60,7 +60,7 @@ class Database:
         except (ArgumentError, NoSuchModuleError, ModuleNotFoundError) as error:
             raise LibraryUnusable(where, str(error), _DRIVER) from error
         try:
-            await database.write(lambda connection: migrate(connection, where))
+            await database.write(lambda connection: migrate(connection, where, must_exist=must_exist))
         except BaseException:
             await database.close()
             raise
@@ -97,7 +97,7 @@ class Database:
                 return await asyncio.shield(done)
         except TimeoutError:
             if turn.void():
-                raise busy(self._where) from None
+                raise busy(self.where) from None
             return await asyncio.shield(done)
         except asyncio.CancelledError:
             if not turn.void():

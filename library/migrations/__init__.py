@@ -9,7 +9,7 @@ from library.postgresql.roles import may_migrate, refuse_migrating
 from library.tables import VERSION_TABLE, metadata
 
 
-def migrate(connection: sql.Connection, where: str, to: str = "head") -> None:
+def migrate(connection: sql.Connection, where: str, to: str = "head", *, must_exist: bool = False) -> None:
     """Bring the database up to revision ``to`` in the transaction that is open on ``connection``.
 
     Alembic is imported only where there is something to do: it takes longer than opening the library.
@@ -17,6 +17,8 @@ def migrate(connection: sql.Connection, where: str, to: str = "head") -> None:
     known = known_revisions()
     tables = set(sql.inspect(connection).get_table_names())
     check_ours(tables, where)
+    if must_exist and not tables:
+        raise LibraryUnusable(where, "it has no tables yet", "check its name, or start a server on it first")
     asked = sql.text(f"SELECT version_num FROM {VERSION_TABLE}")
     found = [str(revision) for revision in connection.scalars(asked)] if tables else []
     if unknown := [revision for revision in found if revision not in known]:

@@ -47,7 +47,7 @@ def grant(connection: sql.Connection, role: str) -> None:
         f"GRANT CONNECT ON DATABASE {here} TO {to}",
         f"REVOKE CREATE ON SCHEMA {schema} FROM PUBLIC, {to}",
         f"GRANT USAGE ON SCHEMA {schema} TO {to}",
-        *(f"GRANT USAGE ON SEQUENCE {schema}.{quote(name)} TO {to}" for name in connection.scalars(_SEQUENCES)),
+        *(f"GRANT USAGE, UPDATE ON SEQUENCE {schema}.{quote(name)} TO {to}" for name in connection.scalars(_SEQUENCES)),
         *(one for table in (*metadata.tables, VERSION_TABLE) for one in _rights(f"{schema}.{quote(table)}", table, to)),
     ):
         connection.exec_driver_sql(statement)

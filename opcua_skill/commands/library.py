@@ -5,7 +5,8 @@ from typing import Annotated
 
 import typer
 
-from opcua_skill.commands.terminal.output import note, say
+from opcua_skill.commands.options.client import Json
+from opcua_skill.commands.terminal.output import counted, note, print_json, say
 
 app = typer.Typer(no_args_is_help=True, help="The library's database: prepared for servers, and copied to another.")
 Role = Annotated[str, typer.Option("--role", metavar="ROLE", help="database role that servers sign in with")]
@@ -34,3 +35,24 @@ def prepare(
     say(f"{named.render_as_string()} is ready for servers that sign in as {role}")
     served = named.set(username=role, password=None).render_as_string()
     note(f'in their configuration: database = "{served}", with the password of {role}')
+
+
+@app.command()
+def copy(
+    source: Annotated[str, typer.Argument(metavar="SOURCE", help="a library: its file or postgresql+asyncpg://…")],
+    target: Annotated[str, typer.Argument(metavar="TARGET", help="a new or empty one: file or postgresql+asyncpg://…")],
+    as_json: Json = False,
+) -> None:
+    """Carry a whole library into another database, of either engine, and read it back.
+
+    All of it comes from one moment, and all of it is there in the end or nothing. Stop the server of SOURCE first:
+    what it stores later stays behind. Certificates and traces in the data folder are not in the library.
+    """
+    from library.copying import copy_library
+
+    copied = asyncio.run(copy_library(source, target))
+    if as_json:
+        print_json({"rows": copied.rows, "sha256": copied.digest})
+        return
+    rows = sum(copied.rows.values())
+    say(f"{counted(rows, 'row')} carried and read back as the same, SHA-256 {copied.digest}")

@@ -4,11 +4,13 @@ import asyncio
 import os
 import tempfile
 from collections.abc import AsyncIterator, Callable, Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 from small_corner import small_corner
 
+from library.store import SkillLibrary
 from opcua_skill.client import SkillClient
 from opcua_skill.client.errors import Refused
 from tests import postgres, prepared
@@ -78,6 +80,20 @@ async def test_the_main_job_runs_on_postgresql_with_nothing_but_the_address_chan
     assert not plant.database.exists()
     actions = {entry.action for entry in await engineer.audit_trail()}
     assert {"Approve", "Deploy", "ExecuteSkill"} <= actions
+
+
+async def test_a_plant_s_library_is_carried_into_a_file_that_another_server_could_serve(
+    cluster: postgres.Cluster, engineer: SkillClient, tmp_path: Path
+) -> None:
+    said = await asyncio.to_thread(command, "library", "copy", cluster.url("plant"), str(tmp_path / "skills.db"))
+    assert "read back as the same, SHA-256" in " ".join(said.split())
+    async with await SkillLibrary.open(tmp_path / "skills.db", must_exist=True) as library:
+        copied = await library.description("corner")
+    assert copied.model_digest == (await engineer.skill("corner")).model_digest.hex()
+    again = await asyncio.to_thread(
+        command, "library", "copy", str(tmp_path / "skills.db"), cluster.url("plant"), status=1
+    )
+    assert "name a new or empty one" in again
 
 
 async def test_a_database_server_that_goes_and_comes_is_told_and_costs_nothing_stored(

@@ -35,7 +35,8 @@ ALSO_ELSEWHERE = (
     "settings.py", "conformance.py", "figures.py", "cli.py", "picture.py", "worker.py", "disturbances.py",
     "backups.py", "restoring.py", "snapshots.py", "synthetic.py", "lasa.py", "atomic_skills.py", "app.py",
     "world.py", "kinematics.py", "address_space.py", "library_nodes.py", "members.py", "namespaces.py", "nodesets.py",
-    "recorder_nodes.py", "skills.py", "types.py", "units.py", "workstation_nodes.py", "preparing.py", "roles.py",
+    "recorder_nodes.py", "skills.py", "types.py", "units.py", "workstation_nodes.py",
+    "copying.py", "preparing.py", "roles.py",
 )  # fmt: skip
 BUILT_IN = (
     "ValueError",

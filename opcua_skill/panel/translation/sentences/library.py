@@ -236,6 +236,8 @@ LIBRARY = {
     "the connection broke while it was stored, maybe it is": (
         "die Verbindung brach beim Speichern ab, vielleicht ist es gespeichert"
     ),
+    "it has no tables yet": "es hat noch keine Tabellen",
+    "check its name, or start a server on it first": "den Namen prüfen, oder zuerst einen Server darauf starten",
     "look up what is there before trying again": "nachsehen, was da ist, bevor es noch einmal versucht wird",
     "the database role {x} owns the library's tables and can drop what guards them": (
         "der Datenbankbenutzer {x} besitzt die Tabellen der Bibliothek und kann entfernen, was sie schützt"
