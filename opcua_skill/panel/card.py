@@ -9,7 +9,7 @@ import numpy as np
 from models.demonstration import Bools, Floats
 from opcua_skill.client import Finding, Path, RunCheck
 from opcua_skill.panel.formatting import mm, percent, seconds
-from opcua_skill.panel.translation.words import Words
+from opcua_skill.panel.words import Words
 
 WIDE, HIGH, ROOM = 380.0, 300.0, 32.0
 SPEED_COLOURS = ("#5b2a86", "#2f5fa8", "#0f7b7b", "#3f7d1f", "#a35f00")

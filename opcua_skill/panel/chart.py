@@ -12,7 +12,7 @@ from nicegui.elements.echart import EChart
 from models.demonstration import Demonstration, Floats
 from opcua_skill.client import Path, Skill
 from opcua_skill.panel.review import Material, along
-from opcua_skill.panel.translation.words import Words
+from opcua_skill.panel.words import Words
 
 SHOWN_PATH_SAMPLES = 500
 TUBE = 2.0

@@ -8,7 +8,7 @@ import numpy as np
 
 from opcua_skill.client import Skill
 from opcua_skill.panel.formatting import mm, percent, seconds
-from opcua_skill.panel.translation.words import Words
+from opcua_skill.panel.words import Words
 
 SAME = 0.02
 FEWEST_USED = 3

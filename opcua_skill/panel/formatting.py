@@ -4,7 +4,7 @@ import math
 from datetime import datetime
 from html import escape
 
-from opcua_skill.panel.translation.words import Words
+from opcua_skill.panel.words import Words
 
 STATE_SIGNS = {
     "Learned": ("○", "learned"),

@@ -14,8 +14,9 @@ from nicegui import Client, ui
 from nicegui.events import Handler, KeyEventArguments, ValueChangeEventArguments
 
 from opcua_skill.client import ClientError
+from opcua_skill.messages import languages, name_of
 from opcua_skill.panel.session import PanelSession, Station
-from opcua_skill.panel.translation.words import Words
+from opcua_skill.panel.words import Words
 
 LOST = (
     "No connection to the server. What you see here is old, and Stop motion does not reach the arm: "
@@ -48,7 +49,6 @@ LEAVE = """() => {
   location.assign('/sign-out?to=' + encodeURIComponent(location.pathname + location.search));
 }"""
 REDRAW = "window.leaving || location.reload()"  # a reload would take back the step to another page that was asked for
-LANGUAGE_NAMES = {"en": "English", "de": "Deutsch"}
 MODE_WORDS = {
     "closed": "not in contact",
     "idle": "at rest",
@@ -265,9 +265,9 @@ def _person(frame: Frame) -> None:
 
     person = ui.button(session.user).props('flat no-caps icon-right=expand_more data-mark="person"')
     with person.classes("panel-person"), ui.menu().props("auto-close"):
-        for language, name in LANGUAGE_NAMES.items():
+        for language in languages():
             sign = "● " if language == session.language else "○ "
-            ui.menu_item(sign + name, on_click=lambda _, one=language: speak(one))
+            ui.menu_item(sign + name_of(language), on_click=lambda _, one=language: speak(one))
         ui.menu_item(words("Sign out"), on_click=lambda: ui.navigate.to("/sign-out"))
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from html import escape
 
 from opcua_skill.client import JobReport, Mode
-from opcua_skill.panel.translation.words import Words
+from opcua_skill.panel.words import Words
 
 
 @dataclass(frozen=True, slots=True)

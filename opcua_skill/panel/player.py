@@ -9,7 +9,7 @@ from nicegui.elements.echart import EChart
 from models.demonstration import Floats
 from opcua_skill.client import ArmLinks, JobTrace, JointTrace, Path, Recipe
 from opcua_skill.panel.chart import packed
-from opcua_skill.panel.translation.words import Words
+from opcua_skill.panel.words import Words
 
 SHOWN_SAMPLES = 1500
 LONGER, STANDS = 3.0, 1e-6

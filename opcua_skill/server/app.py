@@ -14,6 +14,7 @@ from library.description import AuditEntry, JobReport, SkillDescription
 from library.errors import Damaged, LibraryUnusable
 from library.private_files import make_private
 from library.store import SkillLibrary
+from opcua_skill import messages
 from opcua_skill.configuration.data_lock import DataLock, database_file
 from opcua_skill.configuration.logs import Logs
 from opcua_skill.configuration.settings import Settings
@@ -46,6 +47,7 @@ from opcua_skill.server.namespaces import add_namespaces
 from opcua_skill.server.nodesets import OF_FACES
 from opcua_skill.server.standing import Standing, told_of
 from opcua_skill.server.types import add_types
+from opcua_skill.stack.address_space.languages import Languages
 from opcua_skill.stack.diagnostics.audit import SignInRecord, WriteRecord
 from opcua_skill.stack.diagnostics.watchdog import Watchdog
 from opcua_skill.stack.server import SkillServer
@@ -100,6 +102,7 @@ class SkillServerApp:
         self.watchdog = Watchdog()
         self._mentioning: asyncio.Task[None] | None = None
         self._weakness = ""
+        self._reading: asyncio.Task[None] | None = None
         self.library: SkillLibrary
         self.jobs: JobEngine
         self.server: SkillServer
@@ -187,6 +190,8 @@ class SkillServerApp:
         self._standing.start()
         self._showing = asyncio.create_task(self._show_state(), name="show state of arms")
         self._mentioning = asyncio.create_task(self._mention_refusals(), name="mention refusals")
+        # Read aside: it takes longer than anybody may hold the loop who asks for a language first.
+        self._reading = asyncio.create_task(asyncio.to_thread(messages.read_all), name="read catalogues")
 
     async def _own_certificate(self) -> ApplicationCertificate:
         """Read the server's certificate and key, or make both in a new data folder."""
@@ -221,6 +226,7 @@ class SkillServerApp:
             on_call=self._record,
             on_sign_in=self._record_sign_in,
             on_written=self._record_write,
+            languages=Languages(messages.languages(), messages.negotiated, messages.said),
         )
         await self.server.init()
         self._tree = await Tree.on(self.server, [name for face in settings.faces for name in OF_FACES[face]])
@@ -245,7 +251,7 @@ class SkillServerApp:
 
     async def stop(self) -> None:
         """Stop every motion, then close the endpoint, the workers and the library."""
-        for task in (self._showing, self._mentioning):
+        for task in (self._showing, self._mentioning, self._reading):
             if task is not None:
                 task.cancel()
                 await asyncio.gather(task, return_exceptions=True)

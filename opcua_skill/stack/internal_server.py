@@ -21,6 +21,7 @@ from opcua_skill.security.chains import CertificateFault, Known, fault
 from opcua_skill.security.settings import SecuritySettings
 from opcua_skill.security.trust import TrustList
 from opcua_skill.stack.address_space.events import deliver
+from opcua_skill.stack.address_space.languages import Languages
 from opcua_skill.stack.address_space.values import SERVER, status_name
 from opcua_skill.stack.diagnostics.audit import (
     OnSignIn,
@@ -70,6 +71,7 @@ class SkillInternalServer(InternalServer):
         self.on_written: OnWrite | None = None
         self.server_uri = security.application_uri
         self.on_session_closed: list[Callable[[str], Awaitable[None]]] = []
+        self.languages = Languages()
         self.diagnostics = Diagnostics(self)
         self.one_heavy_at_a_time = asyncio.Semaphore(1)
         self._beside: set[asyncio.Task[None]] = set()

@@ -23,6 +23,7 @@ from opcua_skill.security.certificates import ApplicationCertificate, ensure_ser
 from opcua_skill.security.settings import SecuritySettings
 from opcua_skill.stack.address_space.capabilities import capabilities, product_version, tell
 from opcua_skill.stack.address_space.events import call_event, deliver
+from opcua_skill.stack.address_space.languages import Languages
 from opcua_skill.stack.address_space.standard_nodes import (
     list_modelling_rules,
     standard_values,
@@ -80,7 +81,8 @@ class SkillServer(Server):
     ``await init()`` loads the address space and makes or loads the certificate, ``await start()`` opens the endpoint.
     ``on_call`` is awaited after every call of a method that changes something, and after every refusal, ``on_sign_in``
     after every sign-in that was let in or refused, ``on_written`` after every write to a variable that commands
-    something; then the audit event is raised: what is told has been written.
+    something; then the audit event is raised: what is told has been written. ``languages`` are those that its texts can
+    be said in.
     """
 
     iserver: SkillInternalServer  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -94,6 +96,7 @@ class SkillServer(Server):
         on_sign_in: OnSignIn | None = None,
         on_written: OnWrite | None = None,
         limits: Limits | None = None,
+        languages: Languages | None = None,
     ) -> None:
         if asyncua.__version__ != ASYNCUA_VERSION:
             raise WrongAsyncua(asyncua.__version__)
@@ -105,6 +108,7 @@ class SkillServer(Server):
         super().__init__(iserver=SkillInternalServer(authenticate, security, self.stack_limits))
         self.iserver.method_service.on_call = self._called
         self.iserver.method_service.on_unrecorded = self._told
+        self.iserver.languages = languages or Languages()
         self.iserver.on_sign_in = on_sign_in
         self.iserver.on_written = on_written
         self._registrations: list[Registration] = []
@@ -155,7 +159,9 @@ class SkillServer(Server):
         take_away(self.iserver.aspace)
         list_modelling_rules(self.iserver)
         tell_local_time(self.iserver.aspace)
-        await tell(self.iserver, capabilities(self.stack_limits, self.security) | standard_values())
+        await tell(
+            self.iserver, capabilities(self.stack_limits, self.security, self.iserver.languages) | standard_values()
+        )
         ServerMethods(self.iserver).offer()
         await self.iserver.diagnostics.offer()
         await tell(self.iserver, _shutdown_in(0, ""))

@@ -16,7 +16,7 @@ from urllib.request import urlopen
 
 import pytest
 
-from opcua_skill.panel.translation.german import GERMAN
+from opcua_skill.messages import catalogue_of
 from tests.conftest import free_port
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -128,4 +128,4 @@ def test_the_buttons_that_the_first_page_names_are_those_of_the_panel() -> None:
     _, _, section = PAGE.read_text(encoding="utf-8").partition("## 7. The same in the panel")
     names = re.findall(r"\*\*(.+?)\*\*", section.replace("\n   ", " "))
     assert len(names) > 8
-    assert [name for name in names if name not in GERMAN] == []
+    assert [name for name in names if name not in catalogue_of("de").words] == []

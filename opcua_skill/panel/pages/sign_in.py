@@ -6,10 +6,11 @@ from nicegui import ui
 from nicegui.events import GenericEventArguments
 
 from opcua_skill.client import ClientError
+from opcua_skill.messages import languages
 from opcua_skill.panel.door import within
 from opcua_skill.panel.layout import STATIC
 from opcua_skill.panel.sessions import Sessions
-from opcua_skill.panel.translation.words import LANGUAGES, Words, language_of
+from opcua_skill.panel.words import Words, language_of
 
 # What stands in the fields goes with the press: sent before it, it may arrive after it while a page still connects.
 WRITTEN = "() => emit(...[...document.querySelectorAll('.sign-in input')].map((field) => field.value))"
@@ -32,7 +33,7 @@ def sign_in_page(sessions: Sessions, browser: str, to: str, accepted: str) -> No
             with ui.element("div").classes("line"):
                 ui.label(words("Operator panel")).classes("sheet-title")
                 with ui.element("div").classes("at-the-end"):
-                    for one in LANGUAGES:
+                    for one in languages():
                         link = ui.link(one.upper(), "#").on("click.prevent", lambda _, it=one: form.refresh(it))
                         link.classes("panel-language" + (" panel-here" if one == language else ""))
             ui.label(sessions.url).classes("soft small")

@@ -9,6 +9,7 @@ from asyncua import ua
 from asyncua.ua.object_ids import ObjectIds as Ids
 
 from opcua_skill.security.settings import SecuritySettings
+from opcua_skill.stack.address_space.languages import Languages
 from opcua_skill.stack.address_space.values import node_id
 from opcua_skill.stack.limits import Limits
 
@@ -18,14 +19,14 @@ _POLICY = "http://opcfoundation.org/UA/SecurityPolicy#"
 _T = ua.VariantType
 
 
-def capabilities(limits: Limits, security: SecuritySettings) -> dict[int, ua.Variant]:
+def capabilities(limits: Limits, security: SecuritySettings, languages: Languages) -> dict[int, ua.Variant]:
     """Return the values of the nodes below ServerCapabilities; 0 stands for something this server does not offer."""
     operations, array, count = limits.operations_per_request, limits.array_of_primitives, _T.UInt32
     policies = [_POLICY + name for name in security.policies]
     offered = [*policies, _POLICY + "None"] if security.insecure_no_encryption else policies
     top = {
         "ServerProfileArray": ([_TRANSPORT, *offered], _T.String),
-        "LocaleIdArray": (["en"], _T.String),
+        "LocaleIdArray": (list(languages.known), _T.String),
         "MinSupportedSampleRate": (limits.publishing_interval_ms[0], _T.Double),
         "MaxBrowseContinuationPoints": (limits.continuation_points, _T.UInt16),
         "MaxQueryContinuationPoints": (0, _T.UInt16),

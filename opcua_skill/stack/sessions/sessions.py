@@ -20,6 +20,7 @@ from asyncua.ua.attribute_ids import AttributeIds
 from asyncua.ua.status_codes import StatusCodes as Codes
 
 from opcua_skill.security.access import Caller, Identity, Peer, Role, calling_as
+from opcua_skill.stack.address_space.languages import ENGLISH
 from opcua_skill.stack.address_space.values import node_id, status
 from opcua_skill.stack.diagnostics.audit import WriteRecord, claimed
 from opcua_skill.stack.diagnostics.counters import SessionCounts, short
@@ -73,6 +74,7 @@ class Session(SubscribingSession):
         self.caller = _SERVER_ITSELF
         self.counts = SessionCounts()
         self.closed_by_client = False
+        self.language = ENGLISH
         self.sent_along = b""
         self._browser = Browser(aspace, self.iserver.limits)
         if external:
@@ -113,6 +115,8 @@ class Session(SubscribingSession):
         self.state = SessionState.Activated
         self.nonce = create_nonce(32)
         self.counts.locales = tuple(short(locale) for locale in (params.LocaleIds or [])[:MOST_LOCALES])
+        if params.LocaleIds:
+            self.language = self.iserver.languages.choose(self.counts.locales)
         self.counts.mechanism = claimed(params.UserIdentityToken)[1]
         self.touch()
         self._start_timeout_watchdog()
@@ -170,6 +174,8 @@ class Session(SubscribingSession):
             told = ua.DataValue(ua.Variant(may, ua.VariantType.Boolean))
         elif wanted.AttributeId == AttributeIds.UserAccessLevel:
             told = self.iserver.user_access_level(wanted.NodeId, self.identity.role, told)
+        if self.language != ENGLISH and told.Value is not None:
+            told = dataclasses.replace(told, Value=self.iserver.languages.said(self.language, told.Value))
         if wanted.IndexRange or (wanted.DataEncoding is not None and wanted.DataEncoding.Name):
             return narrowed(told, wanted)
         return told

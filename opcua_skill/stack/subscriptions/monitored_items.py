@@ -344,5 +344,6 @@ class Items(MonitoredItemService):
             return
         if not item.where_clause_evaluator.eval(event):
             return
-        self.isub.queue_event(mid, item, event.to_event_fields(item.filter.SelectClauses))
+        fields = event.to_event_fields(item.filter.SelectClauses)
+        self.isub.queue_event(mid, item, self.isub.in_its_language(fields))
         await self.isub._trigger_publish()

@@ -20,6 +20,7 @@ from asyncua.ua.object_ids import ObjectIds as Ids
 from asyncua.ua.status_codes import StatusCodes as Codes
 from asyncua.ua.ua_binary import struct_to_binary
 
+from opcua_skill.stack.address_space.languages import ENGLISH
 from opcua_skill.stack.address_space.values import node_id, status
 from opcua_skill.stack.diagnostics.counters import SubscriptionCounts
 from opcua_skill.stack.services.reading import stamped
@@ -107,6 +108,13 @@ class Subscription(InternalSubscription):
             return True
         identity = self._iserver.identity_of(self.session_id)
         return identity is not None and identity.may_hear_of(user)
+
+    def in_its_language(self, fields: list[ua.Variant]) -> list[ua.Variant]:
+        """Return an event's fields with their texts in the language that this subscription's session asked for."""
+        session = self._iserver.session_of(self.session_id)
+        if session is None or session.language == ENGLISH:
+            return fields
+        return [self._iserver.languages.said(session.language, field) for field in fields]
 
     def may_read(self, node: ua.NodeId) -> bool:
         """Return whether this subscription's session may read a variable; the server's own may read all."""

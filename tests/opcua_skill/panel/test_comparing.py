@@ -13,7 +13,7 @@ from opcua_skill.panel.pages.audit import in_words, place_of
 from opcua_skill.panel.player import trace_csv
 from opcua_skill.panel.recipe_fields import choice_fields, field_at_fault, parameter_fields, quaternion, turned
 from opcua_skill.panel.strokes import PAUSE, appended, drawn
-from opcua_skill.panel.translation.words import Words
+from opcua_skill.panel.words import Words
 
 EN = Words("en")
 BY_LABEL = {figure.label: figure for figure in FIGURES}

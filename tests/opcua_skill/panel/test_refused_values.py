@@ -10,11 +10,12 @@ import pytest
 from library.errors import InvalidValue
 from library.recipe import Recipe
 from library.values import Value
-from opcua_skill.panel.translation.sentences import SENTENCES
+from opcua_skill.messages import catalogue_of
 from tests.library.test_description import description
 
 WRONG: list[Any] = [None, "text", "", 5, -1, 2.5, True, [], {}, [1], {"a": 1}, "x" * 5000, -1e30, ["a"], [[1.0]]]
 UNREADABLE = ["", "{", "[1,", "nul", '{"a": 1,}', "{'a': 1}", '{"a" 1}', '"\\u12"', "[1 2]", "\x00"]
+GERMAN = catalogue_of("de")
 VALUES = [description(), Recipe(recipe_id="slow", skill_name="glue")]
 
 
@@ -55,7 +56,7 @@ def test_what_is_wrong_with_a_field_is_said_in_german(value: Value) -> None:
             kind.from_json(text)
         except InvalidValue as refusal:
             refused += 1
-            said = SENTENCES.say(str(refusal))
+            said = GERMAN.say(str(refusal))
             if not said.whole:
                 left.add(f"{refusal.allowed} -> {said.words[:100]}")
     assert refused > 200
@@ -80,4 +81,4 @@ def test_what_is_wrong_with_a_field_is_said_in_german(value: Value) -> None:
     ],
 )
 def test_pydantic_s_sentences_are_said_in_german(english: str, german: str) -> None:
-    assert SENTENCES.say(english).words == german
+    assert GERMAN.say(english).words == german

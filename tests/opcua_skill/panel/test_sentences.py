@@ -8,13 +8,8 @@ from pathlib import Path
 import pytest
 
 from models.errors import TooFewDemonstrations
-from opcua_skill.panel.translation.german import GERMAN
-from opcua_skill.panel.translation.sentences import PATTERNS, SENTENCES, German, with_comma
-from opcua_skill.panel.translation.sentences.files import FILES
-from opcua_skill.panel.translation.sentences.learning import LEARNING
-from opcua_skill.panel.translation.sentences.library import LIBRARY
-from opcua_skill.panel.translation.sentences.motion import MOTION
-from opcua_skill.panel.translation.sentences.values import VALUES
+from opcua_skill.messages import LOCALE, catalogue_of, languages
+from opcua_skill.messages.catalogue import DEEPEST, HOLE, Budget, Catalogue
 from opcua_skill.security.settings import SecuritySettings
 
 ROOT = Path(__file__).parents[3]
@@ -86,7 +81,8 @@ COMPOSED = {
     "{} of a recording in {} dimensions: {}": ("10 times need 20 values of a recording in 2 dimensions: 19",),
 }
 """Sentences put together from parts that are sentences themselves, as they come out."""
-NAMES = German(PATTERNS, GERMAN | {"Qx": "Qx"})
+SENTENCES = catalogue_of("de")
+NAMES = Catalogue("de", SENTENCES.words | SENTENCES.patterns | {"Qx": "Qx"})
 Template = list[str | None]
 """A sentence as written: its fixed parts, None where something is put in."""
 
@@ -171,8 +167,31 @@ def test_what_a_configuration_weakens_is_said_in_german() -> None:
     assert all(SENTENCES.say(one).whole for one in weakened)
 
 
-def test_no_pattern_stands_twice() -> None:
-    assert len(PATTERNS) == len(LEARNING) + len(MOTION) + len(LIBRARY) + len(FILES) + len(VALUES)
+def test_no_message_stands_twice_and_every_hole_is_filled() -> None:
+    for language in languages()[1:]:
+        written = (LOCALE / f"{language}.po").read_text(encoding="utf-8").count("\nmsgid ") - 1
+        made = catalogue_of(language)
+        assert written == len(made.words) + len(made.patterns), language
+        for english, said in made.patterns.items():
+            assert set(HOLE.findall(said)) <= set(HOLE.findall(english)), english
+
+
+def test_a_comment_made_to_be_looked_at_for_hours_is_not() -> None:
+    looked: list[Budget] = []
+
+    class Watched(Budget):
+        def __init__(self) -> None:
+            super().__init__()
+            looked.append(self)
+
+    for english in SENTENCES.patterns:
+        filled = "".join(f"{part or ' '} x " for part in HOLE.split(english)[::2])
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr("opcua_skill.messages.catalogue.Budget", Watched)
+            assert SENTENCES._say((filled * 200)[:2000] + "!").words
+    assert len(looked) == len(SENTENCES.patterns)
+    recursion = 2 * DEEPEST
+    assert min(one.looks for one in looked) > -len(SENTENCES.patterns) * recursion, "work goes on when nothing is left"
 
 
 @pytest.mark.parametrize(
@@ -205,6 +224,6 @@ def test_sentences_are_said_in_german_with_their_names_and_numbers(english: str,
 
 
 def test_numbers_have_a_comma_and_what_is_no_number_stays() -> None:
-    assert with_comma("6.4 mm · 75 % · −0.25 · x 1.0") == "6,4 mm · 75 % · −0,25 · x 1,0"
+    assert SENTENCES.figures("6.4 mm · 75 % · −0.25 · x 1.0") == "6,4 mm · 75 % · −0,25 · x 1,0"
     for same in ("2026-11-28 18:39", "127.0.0.1:4840", "opcua-skill 1.2.3", "run.v1", "plan.csv"):
-        assert with_comma(same) == same
+        assert SENTENCES.figures(same) == same

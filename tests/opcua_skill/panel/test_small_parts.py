@@ -19,8 +19,8 @@ from opcua_skill.panel.recipe_fields import FIELDS
 from opcua_skill.panel.session import PanelSession, Station
 from opcua_skill.panel.sessions import Sessions
 from opcua_skill.panel.strokes import NotADemonstration, drawn, free_name
-from opcua_skill.panel.translation.words import Words
 from opcua_skill.panel.uploads import uploaded
+from opcua_skill.panel.words import Words
 
 FORBIDDEN = ("sim", "opcua_skill.server", "opcua_skill.jobs")
 ONLY_READERS = ("library.errors", "library.readers")

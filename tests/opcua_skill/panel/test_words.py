@@ -7,6 +7,7 @@ from pathlib import Path
 
 from library.description import Failure
 from opcua_skill.commands.terminal.output import counted
+from opcua_skill.messages import catalogue_of
 from opcua_skill.panel import card, comparing, layout, recipe_fields
 from opcua_skill.panel import modes as run_modes
 from opcua_skill.panel.formatting import STATE_SIGNS
@@ -14,8 +15,7 @@ from opcua_skill.panel.pages import library, recipe_form, teach, upload
 from opcua_skill.panel.pages.run import arm, held, jobs, motion, page
 from opcua_skill.panel.pages.skill import comparison
 from opcua_skill.panel.strokes import NotADemonstration
-from opcua_skill.panel.translation.german import GERMAN
-from opcua_skill.panel.translation.words import Words, language_of
+from opcua_skill.panel.words import Words, language_of
 from opcua_skill.security.access import Role
 from opcua_skill.wire.values import ENDED
 
@@ -87,7 +87,9 @@ def tables() -> Iterator[str]:
 
 def test_every_word_has_german() -> None:
     wanted = {text for file in PANEL.rglob("*.py") for text in said(file)} | set(tables())
-    missing = sorted(text for text in wanted if any(letter.isalpha() for letter in text) and text not in GERMAN)
+    missing = sorted(
+        text for text in wanted if any(letter.isalpha() for letter in text) and text not in catalogue_of("de").words
+    )
     assert not missing, "\n".join(missing)
 
 

@@ -12,7 +12,7 @@ from opcua_skill.panel.comparing import wrong
 from opcua_skill.panel.layout import Frame
 from opcua_skill.panel.review import Draft, Material, edits_of
 from opcua_skill.panel.session import PanelSession
-from opcua_skill.panel.translation.words import Words
+from opcua_skill.panel.words import Words
 
 
 @dataclass
