@@ -6,7 +6,6 @@ What is particular to one engine stands in `sqlite.py` and `snapshots.py`, in `p
 import asyncio
 import time
 from collections.abc import Callable
-from concurrent.futures import Future
 from pathlib import Path
 from typing import Any, Protocol, TypeVar, cast
 
@@ -24,7 +23,7 @@ Result = TypeVar("Result")
 class Transactions(Protocol):
     """An engine as the library needs it."""
 
-    def begin(self, work: Work, turn: Turn, writes: bool) -> "Future[Any]":
+    def begin(self, work: Work, turn: Turn, writes: bool) -> "asyncio.Future[Any]":
         """Return what ``work`` will have returned once its transaction has been committed."""
         ...
 
@@ -89,7 +88,7 @@ class Database:
 
     async def _asked(self, work: Work, *, writes: bool) -> Any:
         turn = Turn()
-        done = asyncio.wrap_future(self._transactions.begin(work, turn, writes))
+        done = self._transactions.begin(work, turn, writes)
         self._running.add(done)
         done.add_done_callback(self._ended)
         try:

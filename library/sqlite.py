@@ -6,7 +6,7 @@ import os
 import secrets
 import sqlite3
 import time
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -34,9 +34,10 @@ class SqliteTransactions:
         self._readers = ThreadPoolExecutor(READERS, thread_name_prefix="library-reads")
         self._writer = ThreadPoolExecutor(1, thread_name_prefix="library-writes")
 
-    def begin(self, work: Work, turn: Turn, writes: bool) -> "Future[Any]":
+    def begin(self, work: Work, turn: Turn, writes: bool) -> "asyncio.Future[Any]":
         """Return what ``work`` will have returned once its transaction has been committed."""
-        return (self._writer if writes else self._readers).submit(self._in_turn, work, turn, writes)
+        executor = self._writer if writes else self._readers
+        return asyncio.get_running_loop().run_in_executor(executor, self._in_turn, work, turn, writes)
 
     async def close(self) -> None:
         """Close all connections; nothing runs any more."""

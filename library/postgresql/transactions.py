@@ -7,7 +7,6 @@ approvals, edits or deployments at once end in one that is stored and one that i
 import asyncio
 import threading
 import time
-from concurrent.futures import Future
 from typing import Any
 
 import sqlalchemy as sql
@@ -54,9 +53,9 @@ class PostgresTransactions:
         self._thread = threading.Thread(target=self._loop.run_forever, name="library-postgresql", daemon=True)
         self._thread.start()
 
-    def begin(self, work: Work, turn: Turn, writes: bool) -> "Future[Any]":
+    def begin(self, work: Work, turn: Turn, writes: bool) -> "asyncio.Future[Any]":
         """Return what ``work`` will have returned once its transaction has been committed."""
-        return asyncio.run_coroutine_threadsafe(self._in_turn(work, turn, writes), self._loop)
+        return asyncio.wrap_future(asyncio.run_coroutine_threadsafe(self._in_turn(work, turn, writes), self._loop))
 
     async def close(self) -> None:
         """Close all connections; nothing runs any more."""
