@@ -76,6 +76,7 @@ class Cluster:
     async def new_database(self) -> str:
         """Make a prepared, empty database and return its name."""
         name = f"library_{secrets.token_hex(4)}"
+        await self.empty("template_library")  # tests that came before have used it
         await self.execute("postgres", f"CREATE DATABASE {name} TEMPLATE template_library OWNER {OWNER}")
         return name
 
