@@ -26,6 +26,22 @@ def test_the_configuration_page_lists_every_key(build: ModuleType) -> None:
     assert build.CONFIGURATION.read_text(encoding="utf-8") == build.configuration_page()
 
 
+def test_the_pages_about_events_and_the_command_line_are_what_the_code_says(build: ModuleType) -> None:
+    assert build.EVENTS.read_text(encoding="utf-8") == build.events_page()
+    assert build.COMMAND_LINE.read_text(encoding="utf-8") == build.command_line_page()
+
+
+async def test_the_page_about_methods_is_what_a_running_server_has(build: ModuleType) -> None:
+    page = build.METHODS.read_text(encoding="utf-8")
+    assert page == await build.methods_page()
+    for name in (
+        "SkillLibrary/LearnFromDemonstration",
+        "Machines/<Workstation>/ExecuteSkill",
+        "Recorder/AppendSamples",
+    ):
+        assert f"{name}\n" in page
+
+
 async def test_the_published_node_set_is_the_one_the_server_has(build: ModuleType) -> None:
     assert _definitions(build.NODE_SET.read_text(encoding="utf-8")) == _definitions(await build.node_set())
 
