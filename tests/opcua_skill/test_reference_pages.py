@@ -61,6 +61,13 @@ def test_the_published_node_set_says_what_it_is_built_from(build: ModuleType) ->
         assert datetime.fromisoformat(one.get("PublicationDate", "")).year >= 2019
 
 
+def test_every_file_that_contributors_are_sent_to_is_there() -> None:
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    named = {one for one in re.findall(r"[`(]([\w./-]+\.(?:py|md|toml))[`)]", text)}
+    assert len(named) > 12
+    assert sorted(one for one in named if not (ROOT / one).exists()) == []
+
+
 def _definitions(text: str) -> str:
     """Return the document without the dates the exporter puts into its head."""
     return re.sub(r'(PublicationDate|LastModified)="[^"]*"', "", text)
