@@ -63,7 +63,7 @@ def test_the_published_node_set_says_what_it_is_built_from(build: ModuleType) ->
 
 def test_every_file_that_contributors_are_sent_to_is_there() -> None:
     text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
-    named = {one for one in re.findall(r"[`(]([\w./-]+\.(?:py|md|toml))[`)]", text)}
+    named = set(re.findall(r"[`(]([\w./-]+\.(?:py|md|toml))[`)]", text))
     assert len(named) > 12
     assert sorted(one for one in named if not (ROOT / one).exists()) == []
 
