@@ -25,7 +25,7 @@ from models.motion import Motion
 from models.options import LearningOptions, Progress
 from models.phase import arc_lengths
 from models.preprocessing.filtering import CleanMotion, clean
-from models.presets import FILTER_WINDOW, preset_named
+from models.presets import FILTER_WINDOW, Preset, preset_named
 from models.presets.fit_result import FitResult
 from models.report import (
     AlignedDemonstration,
@@ -105,6 +105,52 @@ def _learn(
     compare: bool,
 ) -> LearnedMotion:
     preset = preset_named(options.preset)
+    motions, verdicts = _cleaned(demonstrations, edits, options, preset, tell)
+    order = sorted(motions)
+    used_motions = [motions[index] for index in order]
+    tell(0.4, "aligning")
+    fitted = preset.fit(used_motions, options, tell)
+    longest = [max((one.share for one in fitted.pauses.get(row, ())), default=0.0) for row in fitted.rows]
+    usual_pause = float(np.median(longest))
+    for row, index in enumerate(order):
+        verdicts[index] = _verdict(motions[index], fitted, row, usual_pause)
+    motion = Motion(
+        fitted.mixture.means,
+        fitted.mixture.covariances,
+        fitted.clock,
+        fitted.aligned.points.shape[2],
+        fitted.duration,
+        _dispense(fitted),
+        options.time_step or TIME_STEP,
+        fitted.covariance_rule,
+    )
+    tell(0.9, "reporting")
+    used = [order[row] for row in fitted.rows]
+    names = [demonstrations[index].demonstration_id for index in used]
+    findings = (
+        *fitted.findings,
+        *_orientation_finding(used_motions),
+        *tool_findings(fitted.aligned.orientations, names),
+        *_dots_finding(fitted, [motions[index] for index in used], motion.dispense),
+    )
+    every = tuple(verdicts[index] for index in range(len(demonstrations)))
+    everyone = [one.demonstration_id for one in used_motions]
+    report = _report(motion, replace(fitted, findings=findings), everyone, names, every, options)
+    tell(0.95, "comparing")
+    if compare and preset.compared:
+        window = options.filter_window or FILTER_WINDOW
+        report = replace(report, paper=to_paper(motion, [demonstrations[index] for index in order], edits, window))
+    if previous is not None:
+        report = replace(report, previous=to_previous(motion, mean_repeatability(report.as_dict()), previous))
+    tell(1.0, "learned")
+    shown = _shown(motion, fitted, [demonstrations[index] for index in used], [motions[index] for index in used])
+    return LearnedMotion(motion, every, shown, report)
+
+
+def _cleaned(
+    demonstrations: Sequence[Demonstration], edits: Edits, options: LearningOptions, preset: Preset, tell: Progress
+) -> tuple[dict[int, CleanMotion], dict[int, Verdict]]:
+    """Return the motions that can be used by the index of their demonstration, and verdicts on all others."""
     verdicts: dict[int, Verdict] = {}
     motions: dict[int, CleanMotion] = {}
     for index, demonstration in enumerate(demonstrations):
@@ -125,55 +171,24 @@ def _learn(
     if len(motions) < 2:
         reasons = tuple(verdict.reason for verdict in verdicts.values())[:3]
         raise TooFewDemonstrations(len(motions), 2, reasons)
-    order = sorted(motions)
-    tell(0.4, "aligning")
-    fitted = preset.fit([motions[index] for index in order], options, tell)
-    longest = [max((one.share for one in fitted.pauses.get(row, ())), default=0.0) for row in fitted.rows]
-    usual_pause = float(np.median(longest))
-    for row, index in enumerate(order):
-        verdicts[index] = _verdict(motions[index], fitted, row, usual_pause)
-    motion = Motion(
-        fitted.mixture.means,
-        fitted.mixture.covariances,
-        fitted.clock,
-        fitted.aligned.points.shape[2],
-        fitted.duration,
-        _dispense(fitted),
-        options.time_step or TIME_STEP,
-        fitted.covariance_rule,
-    )
-    tell(0.9, "reporting")
+    return motions, verdicts
+
+
+def _shown(
+    motion: Motion, fitted: FitResult, demonstrations: Sequence[Demonstration], motions: Sequence[CleanMotion]
+) -> tuple[AlignedDemonstration, ...]:
+    """Return the demonstrations as they lie upon each other, on the motion's clock."""
     times = motion.times_at(fitted.phases)
-    used = [order[row] for row in fitted.rows]
-    shown = tuple(
+    return tuple(
         AlignedDemonstration(
-            demonstrations[index].demonstration_id,
-            _raw_phases(demonstrations[index], motions[index], fitted.aligned.times[i], fitted.phases),
+            demonstration.demonstration_id,
+            _raw_phases(demonstration, cleaned, fitted.aligned.times[i], fitted.phases),
             times,
             fitted.aligned.points[i],
             np.nan_to_num(fitted.aligned.triggers[i]) > 0.5,
         )
-        for i, index in enumerate(used)
+        for i, (demonstration, cleaned) in enumerate(zip(demonstrations, motions, strict=True))
     )
-    every = tuple(verdicts[index] for index in range(len(demonstrations)))
-    names = [demonstrations[index].demonstration_id for index in used]
-    every_motion = [motions[index] for index in order]
-    findings = (
-        *fitted.findings,
-        *_orientation_finding(every_motion),
-        *tool_findings(fitted.aligned.orientations, names),
-        *_dots_finding(fitted, [motions[index] for index in used], motion.dispense),
-    )
-    everyone = [motions[index].demonstration_id for index in order]
-    report = _report(motion, replace(fitted, findings=findings), everyone, names, every, options)
-    tell(0.95, "comparing")
-    if compare and preset.compared:
-        window = options.filter_window or FILTER_WINDOW
-        report = replace(report, paper=to_paper(motion, [demonstrations[index] for index in order], edits, window))
-    if previous is not None:
-        report = replace(report, previous=to_previous(motion, mean_repeatability(report.as_dict()), previous))
-    tell(1.0, "learned")
-    return LearnedMotion(motion, every, shown, report)
 
 
 def _check_edits(demonstrations: Sequence[Demonstration], edits: Edits) -> None:

@@ -109,40 +109,14 @@ def clean(demonstration: Demonstration, struck: frozenset[int], filter_window: f
             kept, places = kept[~waits], _rows(places, ~waits)
             clock, seen = seen[~waits], without(seen, waits)
     moving = seen
-    step = float(ranked(np.diff(seen), 0.5))
     if despiking:
-        size = usual_size(_some(places))
-        crossing = _crossing(seen, places, size)
-        block = int(FINEST_STEP * crossing / step)
-        middles, medians = _thinned(seen, places, block)
-        wrong = reflections(middles, medians, crossing, size)
-        if block > 1 or wrong.any():
-            usable[kept[np.repeat(wrong, _block_sizes(len(kept), block))]] = False
-            seen, places = middles[~wrong], _rows(medians, ~wrong)
-            if len(seen) < LEAST_SAMPLES:
-                raise UnusableDemonstration("reflections throughout: check the cameras and record it again")
-            step = float(ranked(np.diff(seen), 0.5))
+        seen, places, wrong = _without_reflections(seen, places)
+        usable[kept[wrong]] = False
+    step = float(ranked(np.diff(seen), 0.5))
     count = max(LEAST_SAMPLES, round((seen[-1] - seen[0]) / step) + 1)
     grid = np.linspace(seen[0], seen[-1], min(count, MOST_SAMPLES))
-    even = _resampled(seen, places, grid)
     triggers = demonstration.triggers[_nearest(times, np.interp(grid, moving, clock))]
-    size, parts = diagonal(even), [slice(None)]
-    if despiking:
-        parts = _presses(triggers)
-        if len(parts) > 1:
-            size = min(size, max((diagonal(even[part]) for part in parts if triggers[part][0]), default=np.inf))
-    crossing = _crossing(grid, even, size)
-    if despiking:
-        filter_window = min(filter_window or crossing, crossing)
-    window = round(filter_window * (len(grid) - 1) / (grid[-1] - grid[0]))
-    smooth = np.concatenate([moving_average(even[part], window) for part in parts])
-    if despiking and (shorter := _of_an_edge(smooth, size)) < 1.0:
-        window = round(shorter * window)
-        smooth = np.concatenate([moving_average(even[part], window) for part in parts])
-    if diagonal(smooth) < SHORTEST_MOTION:
-        raise UnusableDemonstration(
-            "nothing moves further than 1 mm but for reflections and trembling: record it again"
-        )
+    smooth, crossing = _smoothed(grid, _resampled(seen, places, grid), triggers, filter_window, despiking)
     if clock is not moving:  # the rests are put back: the hand stands still meanwhile
         count = min(max(len(grid), round((clock[-1] - clock[0]) / step) + 1), MOST_SAMPLES)
         whole = np.linspace(clock[0], clock[-1], count)
@@ -160,6 +134,44 @@ def clean(demonstration: Demonstration, struck: frozenset[int], filter_window: f
         gap,
         crossing,
     )
+
+
+def _without_reflections(seen: Floats, places: Floats) -> tuple[Floats, Floats, Bools]:
+    """Return times (b,) and places (b, d), thinned, without what is no place of a hand; and which samples that was."""
+    size = usual_size(_some(places))
+    crossing = _crossing(seen, places, size)
+    block = int(FINEST_STEP * crossing / float(ranked(np.diff(seen), 0.5)))
+    middles, medians = _thinned(seen, places, block)
+    wrong = reflections(middles, medians, crossing, size)
+    if block <= 1 and not wrong.any():
+        return seen, places, np.zeros(len(seen), dtype=bool)
+    if len(middles) - int(wrong.sum()) < LEAST_SAMPLES:
+        raise UnusableDemonstration("reflections throughout: check the cameras and record it again")
+    return middles[~wrong], _rows(medians, ~wrong), np.repeat(wrong, _block_sizes(len(seen), block))
+
+
+def _smoothed(
+    grid: Floats, even: Floats, triggers: Bools, filter_window: float, despiking: bool
+) -> tuple[Floats, float]:
+    """Return even samples (n, d) averaged, each press of the button by itself, and s in which 2 % are crossed."""
+    size, parts = diagonal(even), [slice(None)]
+    if despiking:
+        parts = _presses(triggers)
+        if len(parts) > 1:
+            size = min(size, max((diagonal(even[part]) for part in parts if triggers[part][0]), default=np.inf))
+    crossing = _crossing(grid, even, size)
+    if despiking:
+        filter_window = min(filter_window or crossing, crossing)
+    window = round(filter_window * (len(grid) - 1) / (grid[-1] - grid[0]))
+    smooth = np.concatenate([moving_average(even[part], window) for part in parts])
+    if despiking and (shorter := _of_an_edge(smooth, size)) < 1.0:
+        window = round(shorter * window)
+        smooth = np.concatenate([moving_average(even[part], window) for part in parts])
+    if diagonal(smooth) < SHORTEST_MOTION:
+        raise UnusableDemonstration(
+            "nothing moves further than 1 mm but for reflections and trembling: record it again"
+        )
+    return smooth, crossing
 
 
 def travelled(motion: CleanMotion) -> Floats:
