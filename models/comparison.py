@@ -3,16 +3,12 @@
 Nothing here touches the motion that was learned: it is measured, and the figures go into its report.
 """
 
-# numpy and scipy leave many results untyped: what leaves a function here is typed by its signature.
-# pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
-# pyright: reportMissingTypeStubs=false, reportAttributeAccessIssue=false
-
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from models.alignment.aligned import taken_at
 from models.alignment.dtw import Indices, warp
@@ -65,7 +61,7 @@ def distance(path: Floats, other: Floats) -> Distance:
 
 def _to_polyline(points: Floats, line: Floats) -> tuple[Floats, Indices]:
     """Return each point's (n, d) distance (n,) to a polyline (m, d), and which of its corners (n,) is nearest."""
-    nearest = np.asarray(cKDTree(line).query(points)[1], dtype=np.int64)
+    nearest = np.asarray(KDTree(line).query(points)[1], dtype=np.int64)
     away = np.full(len(points), np.inf)
     for first in (nearest - 1, nearest):
         start = np.clip(first, 0, len(line) - 2)

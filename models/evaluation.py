@@ -1,11 +1,7 @@
 """How good a path is: distances to a known path, smoothness."""
 
-# numpy and scipy leave many results untyped: what leaves a function here is typed by its signature.
-# pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
-# pyright: reportMissingTypeStubs=false, reportAttributeAccessIssue=false
-
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from models.demonstration import Floats
 from models.geometry import norms
@@ -21,7 +17,7 @@ def resampled(path: Floats, count: int) -> Floats:
 def path_rms(path: Floats, truth: Floats, count: int = 2000) -> float:
     """Return the root mean square closest-point distance in m between two polylines, both ways together."""
     one, other = resampled(path, count), resampled(truth, count)
-    there, back = cKDTree(other).query(one)[0], cKDTree(one).query(other)[0]
+    there, back = KDTree(other).query(one)[0], KDTree(one).query(other)[0]
     return float(np.sqrt(0.5 * ((there**2).mean() + (back**2).mean())))
 
 
@@ -44,7 +40,7 @@ def frechet(path: Floats, truth: Floats, count: int = 500) -> float:
 
 def corner_error(path: Floats, corners: Floats) -> float:
     """Return the mean distance in m of corner points (c, d) to a path (n, d)."""
-    return float(cKDTree(resampled(path, 5000)).query(corners)[0].mean())
+    return float(KDTree(resampled(path, 5000)).query(corners)[0].mean())
 
 
 def end_error(path: Floats, truth: Floats) -> float:

@@ -3,8 +3,6 @@ several times as much.
 """
 
 # numpy leaves many results untyped: what leaves a function here is typed by its signature.
-# pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
-
 import math
 
 import numpy as np

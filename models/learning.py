@@ -2,10 +2,6 @@
 ``models.presets.recommended`` and ``models.presets.paper``.
 """
 
-# numpy and scipy leave many results untyped: what leaves a function here is typed by its signature.
-# pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
-# pyright: reportMissingTypeStubs=false, reportAttributeAccessIssue=false
-
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields, replace
 from functools import cache

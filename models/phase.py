@@ -1,9 +1,5 @@
 """The clock of the model: where on the path, rather than when. Arc length of the people's common path, from 0 to 1."""
 
-# numpy and scipy leave many results untyped: what leaves a function here is typed by its signature.
-# pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
-# pyright: reportMissingTypeStubs=false, reportAttributeAccessIssue=false
-
 import numpy as np
 
 from models.demonstration import Floats

@@ -1,9 +1,5 @@
 """What learning tells: a verdict for each demonstration, the aligned demonstrations, the report an engineer reads."""
 
-# numpy and scipy leave many results untyped: what leaves a function here is typed by its signature.
-# pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
-# pyright: reportMissingTypeStubs=false, reportAttributeAccessIssue=false
-
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum

@@ -6,10 +6,6 @@ time,
 waits at the ends and slows down at corners, wanders and trembles; the cameras add noise and, if asked, reflections.
 """
 
-# numpy and scipy leave many results untyped: what leaves a function here is typed by its signature.
-# pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
-# pyright: reportMissingTypeStubs=false, reportAttributeAccessIssue=false
-
 from dataclasses import dataclass
 
 import numpy as np

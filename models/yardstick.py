@@ -4,10 +4,6 @@ Twenty people who each miss a place by 1 mm have a mean that is sure to 0.22 mm 
 standard error of the mean says all that these people agreed on; what is closer follows their chance waves.
 """
 
-# numpy and scipy leave many results untyped: what leaves a function here is typed by its signature.
-# pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
-# pyright: reportMissingTypeStubs=false, reportAttributeAccessIssue=false
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,9 +1,6 @@
 """The plane that demonstrations were drawn in, which no reflection turns: a consensus, measured by its errors."""
 
 # scipy leaves its results untyped: what leaves a function here is typed by its signature.
-# pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
-# pyright: reportMissingTypeStubs=false, reportAttributeAccessIssue=false
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from statistics import NormalDist

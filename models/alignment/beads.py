@@ -4,10 +4,6 @@ Only beads are laid upon each other and judged. How somebody approaches the firs
 leaves the last is their own affair.
 """
 
-# numpy and scipy leave many results untyped: what leaves a function here is typed by its signature.
-# pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
-# pyright: reportMissingTypeStubs=false, reportAttributeAccessIssue=false
-
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise

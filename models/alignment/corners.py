@@ -5,10 +5,6 @@ drawings that are a point apart is short by as much. So at each sharp corner of 
 its own outermost sample, and passes from there evenly, by its own length, to where the warp counts again.
 """
 
-# numpy and scipy leave many results untyped: what leaves a function here is typed by its signature.
-# pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
-# pyright: reportMissingTypeStubs=false, reportAttributeAccessIssue=false
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

@@ -6,10 +6,6 @@ start and end of the reference open, for people who started late or let go early
 FastDTW, from the package of that name.
 """
 
-# numpy and scipy leave many results untyped: what leaves a function here is typed by its signature.
-# pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
-# pyright: reportMissingTypeStubs=false, reportAttributeAccessIssue=false
-
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -1,9 +1,5 @@
 """Motions laid upon each other, bead upon bead: from what was cleaned to a correspondence at even instants."""
 
-# numpy and scipy leave many results untyped: what leaves a function here is typed by its signature.
-# pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
-# pyright: reportMissingTypeStubs=false, reportAttributeAccessIssue=false
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

@@ -1,9 +1,5 @@
 """Closed drawings that people begin where they like: turned to one start before anything is laid upon anything."""
 
-# numpy and scipy leave many results untyped: what leaves a function here is typed by its signature.
-# pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
-# pyright: reportMissingTypeStubs=false, reportAttributeAccessIssue=false
-
 from dataclasses import replace
 from typing import NamedTuple
 

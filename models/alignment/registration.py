@@ -7,10 +7,6 @@ it moves: so a corner meets a corner although people put it at different places.
 they lie.
 """
 
-# numpy and scipy leave many results untyped: what leaves a function here is typed by its signature.
-# pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
-# pyright: reportMissingTypeStubs=false, reportAttributeAccessIssue=false
-
 from dataclasses import dataclass
 from itertools import pairwise
 

@@ -6,10 +6,6 @@ over sharply, a G three that hand over widely, a straight seam one: corners, bow
 nothing has to be told apart first.
 """
 
-# numpy and scipy leave many results untyped: what leaves a function here is typed by its signature.
-# pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
-# pyright: reportMissingTypeStubs=false, reportAttributeAccessIssue=false
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

@@ -7,10 +7,6 @@ is expectation maximisation as published, through scikit-learn, for the paper's 
 formula puts others in their place.
 """
 
-# numpy and scipy leave many results untyped: what leaves a function here is typed by its signature.
-# pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
-# pyright: reportMissingTypeStubs=false, reportAttributeAccessIssue=false
-
 import warnings
 from dataclasses import dataclass
 

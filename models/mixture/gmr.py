@@ -8,10 +8,6 @@ and the activations h_k(s) of equation 4 are the softmax of -z_k²/2. Means and 
 Plain array arithmetic in a fixed order, no matrix library and no threads: the same numbers give the same bits.
 """
 
-# numpy and scipy leave many results untyped: what leaves a function here is typed by its signature.
-# pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
-# pyright: reportMissingTypeStubs=false, reportAttributeAccessIssue=false
-
 from typing import Literal
 
 import numpy as np

@@ -5,10 +5,6 @@ the regression (equations 4 to 6) weighs its line by them. Two that lie far apar
 sharply, as at a corner; two that lie near each other widely, as along a curve.
 """
 
-# numpy and scipy leave many results untyped: what leaves a function here is typed by its signature.
-# pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
-# pyright: reportMissingTypeStubs=false, reportAttributeAccessIssue=false
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -3,10 +3,6 @@
 They are found by dynamic programming (Perez and Vidal, "Optimum polygonal approximation of digitized curves", 1994).
 """
 
-# numpy and scipy leave many results untyped: what leaves a function here is typed by its signature.
-# pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
-# pyright: reportMissingTypeStubs=false, reportAttributeAccessIssue=false
-
 from collections.abc import Iterator
 
 import numpy as np

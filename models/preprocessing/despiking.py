@@ -1,9 +1,5 @@
 """Samples that are no positions of the hand: a reflection taken for the marker, a marker swapped for another."""
 
-# numpy and scipy leave many results untyped: what leaves a function here is typed by its signature.
-# pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
-# pyright: reportMissingTypeStubs=false, reportAttributeAccessIssue=false
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -128,4 +124,5 @@ def _window(centres: Indices, half: int, count: int) -> Indices:
 def _usual_distance(points: Floats, centres: Indices, half: int) -> Floats:
     """Return the median distance (k,) in m of the samples about each centre from it."""
     columns = [axis[_window(centres, half, len(points))] - axis[centres, None] for axis in points.T]
-    return np.sqrt(ranked(sum(column * column for column in columns).T, 0.5))
+    squares = np.sum([column * column for column in columns], axis=0)
+    return np.sqrt(ranked(squares.T, 0.5))

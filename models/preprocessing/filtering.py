@@ -2,10 +2,6 @@
 long its hand needs for 2 % of it. So a slower or larger drawing is cleaned as the same one, only slower or larger.
 """
 
-# numpy and scipy leave many results untyped: what leaves a function here is typed by its signature.
-# pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
-# pyright: reportMissingTypeStubs=false, reportAttributeAccessIssue=false
-
 from dataclasses import dataclass
 from itertools import pairwise
 

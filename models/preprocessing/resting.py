@@ -3,9 +3,6 @@
 So the rests are taken out of a recording's clock before anything is asked of it, and put back afterwards.
 """
 
-# numpy and scipy leave many results untyped: what leaves a function here is typed by its signature.
-# pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
-
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 

@@ -6,10 +6,6 @@ Only means and covariances are kept of the mixture, as the paper says. Its prior
 two arrays with the priors' formula gets another path than the mixture was fitted to: up to 0.1 mm on the paper's plate.
 """
 
-# numpy and scipy leave many results untyped: what leaves a function here is typed by its signature.
-# pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
-# pyright: reportMissingTypeStubs=false, reportAttributeAccessIssue=false
-
 from dataclasses import replace
 
 import numpy as np

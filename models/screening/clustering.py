@@ -1,9 +1,5 @@
 """Whether people drew one thing or several: groups of shapes, so that two of them are never averaged into a third."""
 
-# numpy and scipy leave many results untyped: what leaves a function here is typed by its signature.
-# pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
-# pyright: reportMissingTypeStubs=false, reportAttributeAccessIssue=false
-
 from collections.abc import Sequence
 
 import numpy as np

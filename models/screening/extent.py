@@ -5,10 +5,6 @@ Where it ends is a question to all of them: the way goes as far as a third of th
 Who stops short of that is used up to there; whoever alone goes past it is used up to where the others end.
 """
 
-# numpy and scipy leave many results untyped: what leaves a function here is typed by its signature.
-# pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
-# pyright: reportMissingTypeStubs=false, reportAttributeAccessIssue=false
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,14 +1,9 @@
 """Demonstrations that do not fit the others: drawn twice, drawn backwards, another shape, off in one place."""
 
-# numpy and scipy leave many results untyped: what leaves a function here is typed by its signature.
-# pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
-# pyright: reportMissingTypeStubs=false
-# pyright: reportMissingTypeStubs=false, reportAttributeAccessIssue=false
-
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from models.alignment.dtw import costs, warp
 from models.alignment.procrustes import laid_upon
@@ -47,7 +42,7 @@ def first_pass(curves: Floats) -> dict[int, int]:
     for index in np.flatnonzero(lengths > TWICE * usual):
         part = warp(curves[index], typical[None], open_end=np.ones(1, dtype=bool))
         whole = costs(typical[None], curves[index][None])[0] / points
-        rest = cKDTree(typical).query(curves[index, int(part.last[0]) :])[0]
+        rest = KDTree(typical).query(curves[index, int(part.last[0]) :])[0]
         again = float(np.median(rest)) < AGAIN * diagonal(typical)
         if part.last[0] < points / TWICE and part.costs[0] < 0.5 * whole and again:
             found[int(index)] = int(part.last[0])

@@ -3,14 +3,10 @@
 None of it changes the path that is learned (a pause changes the timing); an operator may want to know of it.
 """
 
-# numpy and scipy leave many results untyped: what leaves a function here is typed by its signature.
-# pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
-# pyright: reportMissingTypeStubs=false, reportAttributeAccessIssue=false
-
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from models.alignment.registration import skips
 from models.demonstration import Bools, Floats
@@ -94,7 +90,7 @@ def extras(curve: Floats, positions: Floats, path: Floats, times: Floats) -> tup
     turns = np.flatnonzero(np.diff(np.concatenate([[False], over, [False]]).astype(np.int64)))
     if not len(turns):
         return ()
-    lengths, size, tree = arc_lengths(curve), diagonal(path), cKDTree(path)
+    lengths, size, tree = arc_lengths(curve), diagonal(path), KDTree(path)
     index = np.arange(len(curve), dtype=np.float64)
     found: list[Detour] = []
     for first, after in zip(turns[::2], turns[1::2], strict=True):

@@ -1,9 +1,5 @@
 """From cleaned motions to those that belong together, laid upon each other, and what has to be said of the rest."""
 
-# numpy and scipy leave many results untyped: what leaves a function here is typed by its signature.
-# pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
-# pyright: reportMissingTypeStubs=false, reportAttributeAccessIssue=false
-
 from dataclasses import dataclass, field
 
 import numpy as np

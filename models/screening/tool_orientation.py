@@ -1,9 +1,5 @@
 """How people held the tool: whether one of them, or a group, held it otherwise than the rest."""
 
-# numpy and scipy leave many results untyped: what leaves a function here is typed by its signature.
-# pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
-# pyright: reportMissingTypeStubs=false, reportAttributeAccessIssue=false
-
 from collections.abc import Sequence
 
 import numpy as np
