@@ -51,7 +51,8 @@ __all__ = [
 ]
 
 TIME_STEP = 0.008
-WIDEST = 10.0
+WIDEST = 12.0
+"""m across, beyond which it is no metres: a seam of 10 m with its scatter fits, a plate of 15 mm in mm does not."""
 OTHER_UNIT = 100.0
 SAME_PLACE = 0.01
 """Part of the path by which a press may seem to lie off its place: a recording is averaged over 2 % of the drawing."""

@@ -197,6 +197,18 @@ def test_any_points_among_good_ones_leave_a_sound_path(points: np.ndarray, durat
     learned_or_refused([drawn(points, "odd", duration), *base[:3]])
 
 
+@pytest.mark.parametrize("length", [0.1, 10.0])
+def test_a_seam_as_long_as_a_gantry_is_learned_with_its_people_s_scatter(length: float) -> None:
+    along = np.linspace(0.0, 1.0, 600)
+    people = []
+    for index, (slow, wide) in enumerate([(3.0, 0.0), (5.0, 0.006), (8.0, -0.004)]):
+        points = length * np.column_stack([along * (1.0 + wide), 0.01 * np.sin(np.pi * along) ** 2 + wide])
+        people.append(drawn(points + length * wide, f"seam-{index}", 12.0 + slow))
+    learned = learned_or_refused(people)
+    assert learned is not None
+    assert abs(learned.motion.as_learned().points[:, 0].max() - length) < 0.01 * length
+
+
 def test_one_place_and_a_sample_thrown_off_it_is_refused_by_a_reason() -> None:
     still = np.array([[0.0, 1.0], [1.0, 1.0], [1.0, 1.0], [1.0, 1.0], [1.0, 1.0]])
     learned = learned_or_refused([drawn(still, "still"), *PEOPLE[:3]])
