@@ -19,6 +19,8 @@ ROWS = 100
 """Rows carried at a time: a recording may have some MB, and a few of these batches are in memory at once."""
 LONGEST = 7 * 24 * 3600.0
 """s that a copy may take in all."""
+CARRIED = tuple(table for table in metadata.sorted_tables if table.name != "leases")
+"""All that is remembered, each table after those it refers to; which server serves what now is not part of it."""
 Batch = tuple[sql.Table, Sequence[dict[str, Any]]]
 
 
@@ -35,7 +37,7 @@ class _Digest:
 
     def __init__(self) -> None:
         self._sum = hashlib.sha256()
-        self.rows = dict.fromkeys((table.name for table in metadata.sorted_tables), 0)
+        self.rows = dict.fromkeys((table.name for table in CARRIED), 0)
 
     def add(self, table: sql.Table, rows: Sequence[dict[str, Any]]) -> None:
         """Take in the next rows of a table."""
@@ -86,7 +88,7 @@ async def _carry(theirs: Database, ours: Database) -> Copied:
 def _send(connection: sql.Connection, carried: "queue.Queue[Batch | BaseException | None]") -> None:
     """Hand over all rows, table by table; what goes wrong is handed over too, for the other side waits."""
     try:
-        for table in metadata.sorted_tables:
+        for table in CARRIED:
             for rows in _batches(connection, table):
                 carried.put((table, rows))
         carried.put(None)
@@ -105,7 +107,7 @@ def _receive(connection: sql.Connection, carried: "queue.Queue[Batch | BaseExcep
         table, rows = batch
         connection.execute(table.insert(), rows)
         sent.add(table, rows)
-    for table in metadata.sorted_tables:
+    for table in CARRIED:
         for rows in _batches(connection, table):
             stored.add(table, rows)
         _count_on(connection, table)
@@ -123,7 +125,7 @@ def _batches(connection: sql.Connection, table: sql.Table) -> Iterator[list[dict
 
 
 def _check_empty(connection: sql.Connection, where: str) -> None:
-    for table in metadata.sorted_tables:
+    for table in CARRIED:
         if connection.execute(sql.select(sql.literal(1)).select_from(table).limit(1)).first() is not None:
             raise AlreadyExists("library", where, f"its {table.name} are not empty, name a new or empty one")
 

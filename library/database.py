@@ -27,6 +27,10 @@ class Transactions(Protocol):
         """Return what ``work`` will have returned once its transaction has been committed."""
         ...
 
+    def listen(self, heard: Callable[[str], None]) -> None:
+        """Have ``heard`` called in a thread with what other servers tell, and with "" whenever some may be missed."""
+        ...
+
     async def close(self) -> None:
         """Close all connections; nothing runs any more."""
         ...
@@ -70,6 +74,16 @@ class Database:
         while self._running:
             await asyncio.wait(set(self._running))
         await self._transactions.close()
+
+    @property
+    def shared(self) -> bool:
+        """Whether other servers may use the database at the same time."""
+        return not isinstance(self._transactions, SqliteTransactions)
+
+    def listen(self, heard: Callable[[str], None]) -> None:
+        """Have ``heard`` called with what other servers tell, and with "" whenever some of it may have been missed."""
+        loop = asyncio.get_running_loop()
+        self._transactions.listen(lambda told: loop.call_soon_threadsafe(heard, told) and None)
 
     async def read(self, work: Callable[[sql.Connection], Result]) -> Result:
         """Return what ``work`` finds, all of it at one moment."""

@@ -93,6 +93,15 @@ class InUse(LibraryError):
         self.what = what
 
 
+class ServedElsewhere(LibraryError):
+    """A workstation is another server's, of those that share the library."""
+
+    def __init__(self, workstation: str, endpoint: str) -> None:
+        super().__init__(f"the workstation {workstation} is served by {endpoint}: ask that server, or stop it first")
+        self.workstation = workstation
+        self.endpoint = endpoint
+
+
 class LibraryUnusable(LibraryError):
     """The database cannot be opened, read or written."""
 

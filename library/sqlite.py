@@ -6,6 +6,7 @@ import os
 import secrets
 import sqlite3
 import time
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -38,6 +39,9 @@ class SqliteTransactions:
         """Return what ``work`` will have returned once its transaction has been committed."""
         executor = self._writer if writes else self._readers
         return asyncio.get_running_loop().run_in_executor(executor, self._in_turn, work, turn, writes)
+
+    def listen(self, heard: Callable[[str], None]) -> None:
+        """Hear nothing: one server has a file for itself."""
 
     async def close(self) -> None:
         """Close all connections; nothing runs any more."""

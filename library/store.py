@@ -19,12 +19,14 @@ from library.description import (
     StationRecord,
     VersionState,
 )
+from library.errors import ServedElsewhere
 from library.names import normal
 from library.postgresql.roles import weakness
 from library.queries import audit as audit_rows
 from library.queries import deployments as deployment_rows
 from library.queries import jobs as job_rows
 from library.queries import learned as learned_rows
+from library.queries import leases as lease_rows
 from library.queries import orders as order_rows
 from library.queries import recipes as recipe_rows
 from library.queries import recordings as recording_rows
@@ -33,6 +35,9 @@ from library.queries import stations as station_rows
 from library.queries import users as user_rows
 from library.queries import versions as version_rows
 from library.queries.encoding import unpack_aligned, unpack_recording
+from library.queries.leases import Lease, Server
+from library.queries.news import News, announce
+from library.queries.news import read as read_news
 from library.records import JobOrder, JobTrace, User
 from library.values import check_name, check_text
 from models.demonstration import Demonstration, Edits
@@ -52,6 +57,8 @@ class SkillLibrary:
 
     def __init__(self, database: Database) -> None:
         self._database = database
+        self._me: Server | None = None
+        self._mine: tuple[str, ...] = ()
 
     @classmethod
     async def open(cls, url_or_path: str | Path, *, must_exist: bool = False) -> Self:
@@ -75,6 +82,65 @@ class SkillLibrary:
     async def weakness(self) -> str:
         """Return what weakens the guards of what is never changed, in words; "" where they hold."""
         return await self._database.read(weakness)
+
+    # Several servers
+
+    @property
+    def shared(self) -> bool:
+        """Whether other servers may work with the library at the same time."""
+        return self._database.shared
+
+    async def serve_as(self, me: Server, workstations: Sequence[str], seconds: float) -> None:
+        """Be a server of a shared library from now on, and have ``workstations`` for ``seconds`` s.
+
+        Raises ServedElsewhere, and has none of them, if another server has one.
+        """
+
+        def all_of_them(connection: sql.Connection) -> None:
+            others = lease_rows.renew(connection, me, workstations, seconds)
+            if others:
+                raise ServedElsewhere(others[0].workstation, others[0].endpoint)
+            announce(connection, me, News("leases"))
+
+        await self._database.write(all_of_them)
+        self._me, self._mine = me, tuple(workstations)
+
+    async def renew_leases(self, seconds: float) -> list[Lease]:
+        """Have this server's workstations for further ``seconds`` s; return those that another server has by now."""
+        me = self._me
+        assert me is not None
+        return await self._database.write(lambda connection: lease_rows.renew(connection, me, self._mine, seconds))
+
+    async def give_back_leases(self) -> None:
+        """Let other servers have this one's workstations at once."""
+        me = self._me
+        if me is None:
+            return
+
+        def every(connection: sql.Connection) -> None:
+            lease_rows.give_back(connection, me)
+            announce(connection, me, News("leases"))
+
+        await self._database.write(every)
+
+    async def leases(self) -> list[Lease]:
+        """Return which server has which workstation, in the order of the workstations."""
+        return await self._database.read(lease_rows.everyone)
+
+    async def check_lease(self, workstation: str) -> None:
+        """Raise ServedElsewhere if a workstation has become another server's."""
+        if self._me is not None:
+            await self._database.read(lambda connection: lease_rows.check(connection, self._me, workstation))
+
+    def listen(self, heard: Callable[[News | None], None]) -> None:
+        """Have ``heard`` called with what other servers have changed; with None whenever something may be missed."""
+
+        def told(payload: str) -> None:
+            news = read_news(payload)
+            if news is None or self._me is None or news.server != self._me.name:
+                heard(news)
+
+        self._database.listen(told)
 
     # Skills
 
@@ -118,7 +184,9 @@ class SkillLibrary:
             brought_by=brought_by,
         )
         return await self._database.write(
-            lambda connection: learned_rows.add(connection, prepared, actor, job_id, default_recipe)
+            lambda connection: self._announced(
+                connection, learned_rows.add(connection, prepared, actor, job_id, default_recipe), actor
+            )
         )
 
     async def import_version(
@@ -126,8 +194,14 @@ class SkillLibrary:
     ) -> SkillDescription:
         """Store a version from another library as the next version here, state Learned, without recordings."""
         return await self._database.write(
-            lambda connection: learned_rows.add_imported(connection, description, actor, default_recipe)
+            lambda connection: self._announced(
+                connection, learned_rows.add_imported(connection, description, actor, default_recipe), actor
+            )
         )
+
+    def _announced(self, connection: sql.Connection, stored: SkillDescription, actor: str) -> SkillDescription:
+        announce(connection, self._me, News("version", stored.name, stored.version, actor=actor))
+        return stored
 
     async def description(self, name: str, version: int = 0) -> SkillDescription:
         """Return the description of a version."""
@@ -228,27 +302,39 @@ class SkillLibrary:
     ) -> VersionState:
         check_text(comment, "comment")
         name = normal(name)
-        return await self._database.write(
-            lambda connection: version_rows.decide(
-                connection, name, version, to, actor, comment, digest, four_eyes, with_reason
-            )
-        )
+
+        def decided(connection: sql.Connection) -> VersionState:
+            state = version_rows.decide(connection, name, version, to, actor, comment, digest, four_eyes, with_reason)
+            announce(connection, self._me, News("version", name, version, actor=actor))
+            return state
+
+        return await self._database.write(decided)
 
     async def deploy(self, name: str, version: int, workstation: str, actor: str) -> VersionState:
         """Deploy an approved version on a workstation, where it replaces any other version of that skill."""
         name = normal(name)
         check_name(workstation, "workstation")
-        return await self._database.write(
-            lambda connection: deployment_rows.deploy(connection, name, version, workstation, actor)
-        )
+
+        def deployed(connection: sql.Connection) -> VersionState:
+            lease_rows.check(connection, self._me, workstation)
+            state = deployment_rows.deploy(connection, name, version, workstation, actor)
+            announce(connection, self._me, News("deployed", name, version, workstation, actor))
+            return state
+
+        return await self._database.write(deployed)
 
     async def withdraw(self, name: str, version: int, workstation: str, actor: str) -> VersionState:
         """Take a version (0: whichever is there) off a workstation."""
         name = normal(name)
         check_text(actor, "actor")
-        return await self._database.write(
-            lambda connection: deployment_rows.withdraw(connection, name, version, workstation)
-        )
+
+        def withdrawn(connection: sql.Connection) -> VersionState:
+            lease_rows.check(connection, self._me, workstation)
+            state = deployment_rows.withdraw(connection, name, version, workstation)
+            announce(connection, self._me, News("withdrawn", name, version, workstation, actor))
+            return state
+
+        return await self._database.write(withdrawn)
 
     async def deployments(self, workstation: str) -> list[SkillDescription]:
         """Return the versions deployed on a workstation, in the order of their names."""
@@ -290,7 +376,12 @@ class SkillLibrary:
 
     async def add_job(self, report: JobReport, recipe: Recipe | None = None) -> JobReport:
         """Store a new job together with the recipe it runs; without one, with its recipe as it is now."""
-        await self._database.write(lambda connection: job_rows.add(connection, report, recipe))
+
+        def added(connection: sql.Connection) -> None:
+            lease_rows.check(connection, self._me, report.workstation)
+            job_rows.add(connection, report, recipe, self._me.name if self._me is not None else "")
+
+        await self._database.write(added)
         return report
 
     async def move_job(self, job_id: str, to: JobState, **fields: Any) -> JobReport:
@@ -343,8 +434,14 @@ class SkillLibrary:
         await self._database.write(lambda connection: order_rows.remove(connection, workstation, order_id))
 
     async def interrupt_unfinished(self) -> list[JobReport]:
-        """Fail, as Interrupted, every job that has not ended: for a server that starts, when nobody works on them."""
-        return await self._database.write(job_rows.interrupt_unfinished)
+        """Fail, as Interrupted, every job that has not ended: for a server that starts, when nobody works on them.
+
+        Where others share the library these are its own jobs, and those of its workstations.
+        """
+        name = self._me.name if self._me is not None else ""
+        return await self._database.write(
+            lambda connection: job_rows.interrupt_unfinished(connection, name, self._mine)
+        )
 
     async def station(self, workstation: str) -> StationRecord:
         """Return what is remembered of a workstation."""

@@ -195,6 +195,7 @@ jobs = Table(
     Column("progress", Real, nullable=False),
     Column("report", Json, nullable=False),
     Column("recipe", Json, nullable=False),
+    Column("server", sql.Text, nullable=False, server_default=""),
     Index("ix_jobs_by_state", "state", "number"),
     Index("ix_jobs_by_workstation", "workstation", "number"),
     sqlite_autoincrement=True,
@@ -224,6 +225,15 @@ stations = Table(
     Column("held_by", sql.Text, nullable=False),
     Column("held_since", Moment, nullable=False),
     Column("speed_override", Real, nullable=False),
+)
+
+leases = Table(
+    "leases",
+    metadata,
+    Column("workstation", name(), primary_key=True),
+    Column("server", sql.Text, nullable=False),
+    Column("endpoint", sql.Text, nullable=False),
+    Column("until", Moment, nullable=False),
 )
 
 traces = Table(

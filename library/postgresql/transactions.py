@@ -5,8 +5,11 @@ approvals, edits or deployments at once end in one that is stored and one that i
 """
 
 import asyncio
+import contextlib
+import logging
 import threading
 import time
+from collections.abc import Callable
 from typing import Any
 
 import sqlalchemy as sql
@@ -16,12 +19,15 @@ from sqlalchemy.ext.asyncio import AsyncConnection, AsyncTransaction, create_asy
 
 from library.errors import LibraryUnusable, Trouble
 from library.postgresql.faults import lost, unusable
+from library.queries.news import CHANNEL
 from library.turns import BUSY_SECONDS, READERS, Turn, Work, busy
 
 CONNECT_SECONDS = 5.0
 """s for a connection: a server that is there answers within one."""
 OUTCOME_SECONDS = 10.0
 """s to find out what became of a commit whose connection broke."""
+ALIVE_EVERY, LISTEN_AGAIN = 5.0, 0.5
+"""s after which a silent connection is asked whether it is still there, and after which a lost one is made anew."""
 WRITERS_LOCK = 0x6F706373
 """Key of the advisory lock of those who write: "opcs". PostgreSQL keeps it apart per database."""
 SESSION = {
@@ -32,6 +38,7 @@ SESSION = {
     "idle_in_transaction_session_timeout": "15s",
     "timezone": "UTC",
 }
+_log = logging.getLogger(__name__)
 _TAKE_TURN = sql.text(f"SELECT pg_advisory_xact_lock({WRITERS_LOCK}), pg_current_xact_id()::text")
 _OUTCOME = sql.text("SELECT pg_xact_status(CAST(CAST(:number AS text) AS xid8))")
 
@@ -43,11 +50,12 @@ class PostgresTransactions:
         self._where = where
         self._engine = create_async_engine(
             url,
-            pool_size=READERS + 2,
+            pool_size=READERS + 3,
             max_overflow=2,
             pool_timeout=BUSY_SECONDS,
             connect_args={"timeout": CONNECT_SECONDS, "command_timeout": BUSY_SECONDS, "server_settings": SESSION},
         )
+        self._listening: asyncio.Task[None] | None = None
         self._loop = asyncio.new_event_loop()
         self._reading, self._writing = asyncio.Semaphore(READERS), asyncio.Semaphore(1)
         self._thread = threading.Thread(target=self._loop.run_forever, name="library-postgresql", daemon=True)
@@ -57,12 +65,56 @@ class PostgresTransactions:
         """Return what ``work`` will have returned once its transaction has been committed."""
         return asyncio.wrap_future(asyncio.run_coroutine_threadsafe(self._in_turn(work, turn, writes), self._loop))
 
+    def listen(self, heard: Callable[[str], None]) -> None:
+        """Have ``heard`` called in this thread with what other servers tell, and with "" after every new connection."""
+        self._loop.call_soon_threadsafe(self._begin_to_listen, heard)
+
+    def _begin_to_listen(self, heard: Callable[[str], None]) -> None:
+        self._listening = self._loop.create_task(self._listen(heard), name="listen to other servers")
+
+    async def _listen(self, heard: Callable[[str], None]) -> None:
+        while True:
+            try:
+                async with self._engine.connect() as connection:
+                    await self._hear(connection, heard)
+            except Exception as error:  # of the pool, the driver or the socket: whatever it is, it is tried again
+                _log.warning("what other servers change is not heard: %s", str(error).partition("\n")[0])
+            await asyncio.sleep(LISTEN_AGAIN)
+
+    async def _hear(self, connection: AsyncConnection, heard: Callable[[str], None]) -> None:
+        """Pass on what is told until the connection ends."""
+        gone = asyncio.Event()
+
+        def ended(_connection: object) -> None:
+            gone.set()
+
+        def passed_on(_connection: object, _process: int, _channel: str, told: str) -> None:
+            heard(told)
+
+        found: Any = (await connection.get_raw_connection()).driver_connection
+        try:
+            found.add_termination_listener(ended)
+            await found.add_listener(CHANNEL, passed_on)
+            heard("")
+            while not gone.is_set():
+                await found.fetchval("SELECT 1", timeout=CONNECT_SECONDS)
+                with contextlib.suppress(TimeoutError):
+                    await asyncio.wait_for(gone.wait(), ALIVE_EVERY)
+        finally:
+            await connection.invalidate()
+
     async def close(self) -> None:
         """Close all connections; nothing runs any more."""
-        await asyncio.wrap_future(asyncio.run_coroutine_threadsafe(self._engine.dispose(), self._loop))
+        await asyncio.wrap_future(asyncio.run_coroutine_threadsafe(self._end(), self._loop))
         self._loop.call_soon_threadsafe(self._loop.stop)
         await asyncio.to_thread(self._thread.join)
         self._loop.close()
+
+    async def _end(self) -> None:
+        if self._listening is not None:
+            self._listening.cancel()
+            await asyncio.wait({self._listening})
+        await self._engine.dispose()
 
     async def _in_turn(self, work: Work, turn: Turn, writes: bool) -> Any:
         """Do one transaction, trying until it gets its lock or its time is over; over a broken connection once more."""

@@ -1,6 +1,7 @@
 """Jobs: every state they pass through reaches the database first; what a run measured is kept as blobs."""
 
 import json
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -37,7 +38,7 @@ _MAY_CHANGE = frozenset(
 )
 
 
-def add(connection: sql.Connection, report: JobReport, recipe: Recipe | None = None) -> None:
+def add(connection: sql.Connection, report: JobReport, recipe: Recipe | None = None, server: str = "") -> None:
     """Store a new job, with its recipe as it is now: what is changed later does not change what this job ran."""
     if connection.scalar(sql.select(jobs.c.number).where(jobs.c.job_id == report.job_id)) is not None:
         raise AlreadyExists("job", report.job_id)
@@ -53,6 +54,7 @@ def add(connection: sql.Connection, report: JobReport, recipe: Recipe | None = N
             progress=report.progress,
             report=report.to_json(),
             recipe="" if recipe is None else recipe.to_json(),
+            server=server,
         )
     )
 
@@ -136,13 +138,19 @@ def newest(connection: sql.Connection, state: str, workstation: str, limit: int)
     return [report for report, _ in found]
 
 
-def interrupt_unfinished(connection: sql.Connection) -> list[JobReport]:
+def interrupt_unfinished(
+    connection: sql.Connection, server: str = "", workstations: Sequence[str] = ()
+) -> list[JobReport]:
     """Fail every job that has not ended, because nobody works on it any more; return them, the oldest first.
+
+    With ``server`` only its own, and those of the ``workstations`` that are its now: others go on working on theirs.
 
     In the same transaction the queues of the arms they were for are held: a person has to look before anything moves.
     One that cannot be read any more is failed too, and holds the queue of its workstation: it may have moved the arm.
     """
     query = sql.select(jobs).where(jobs.c.state.not_in(FINAL_JOB_STATES)).order_by(jobs.c.number)
+    if server:
+        query = query.where(jobs.c.server.in_((server, "")) | jobs.c.workstation.in_(workstations))
     found: list[JobReport] = []
     to_look_at: set[str] = set()
     for row in connection.execute(query).all():

@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 from typing import Literal
 
 from library.description import Cause, Failure, JobReport, JobState, Recipe, SkillDescription, VersionState
-from library.errors import Damaged
+from library.errors import Damaged, ServedElsewhere
 from library.store import SkillLibrary
 from opcua_skill.configuration.settings import Settings
 from opcua_skill.jobs.errors import LacksAtomicSkill, MotionNotPossible, NotExecutable, QueueFull
@@ -142,6 +142,10 @@ class ExecutionJobs:
         if report.mode == "simulation":
             return
         name, version = report.skill_name, report.skill_version
+        try:
+            await self._library.check_lease(station.name)
+        except ServedElsewhere as taken:
+            raise NoLongerExecutable(Failure.INTERRUPTED, str(taken)) from taken
         if report.mode == "production" and await self._library.deployed(name, station.name) != version:
             reason = f"{name} version {version} is not deployed on {station.name} any more"
             raise NoLongerExecutable(Failure.NOT_DEPLOYED, reason)

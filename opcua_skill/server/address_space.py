@@ -232,6 +232,10 @@ class Tree:
         """Return the Python value of an instance variable."""
         return self.server.iserver.aspace.read_attribute_value(self.id(path), AttributeIds.Value).Value.Value  # type: ignore[union-attr]
 
+    def has(self, path: str) -> bool:
+        """Return whether there is an instance at a path."""
+        return self.id(path) in self.server.iserver.aspace
+
     async def delete(self, nodes: Sequence[ua.NodeId]) -> None:
         """Remove nodes and every reference to them."""
         parameters = ua.DeleteNodesParameters()

@@ -3,7 +3,7 @@
 import asyncio
 import contextlib
 import logging
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Self
 from urllib.parse import urlsplit
@@ -13,6 +13,7 @@ from asyncua import ua
 from library.description import AuditEntry, JobReport, SkillDescription
 from library.errors import Damaged, LibraryUnusable
 from library.private_files import make_private
+from library.queries.leases import Lease
 from library.store import SkillLibrary
 from opcua_skill import messages
 from opcua_skill.configuration.data_lock import DataLock, database_file
@@ -45,6 +46,7 @@ from opcua_skill.server.first_look import check_library_is_there, check_users, t
 from opcua_skill.server.health import Fault, FaultKind, Health
 from opcua_skill.server.namespaces import add_namespaces
 from opcua_skill.server.nodesets import OF_FACES
+from opcua_skill.server.sharing import LEASE_SECONDS, Sharing, server_of
 from opcua_skill.server.standing import Standing, told_of
 from opcua_skill.server.types import add_types
 from opcua_skill.stack.address_space.languages import Languages
@@ -109,6 +111,7 @@ class SkillServerApp:
         self._authenticator: Authenticator
         self._health: Health
         self._standing: Standing
+        self._sharing: Sharing
         self._audit: AuditWriter
         self._tree: Tree
         self._methods: LibraryMethods
@@ -152,6 +155,9 @@ class SkillServerApp:
             undo.callback(port.close)
             self.library = await SkillLibrary.open(settings.database_address)
             undo.push_async_callback(self.library.close)
+            own = await self._own_certificate()
+            await self._take_workstations(own.installation)
+            undo.push_async_callback(self.library.give_back_leases)
             self._weakness = await self.library.weakness()
             if self._weakness:
                 _log.warning("%s: opcua-skill library prepare makes a role that cannot", self._weakness)
@@ -164,7 +170,6 @@ class SkillServerApp:
             self._audit = AuditWriter(self.library, self._health.recorded)
             self._audit.start()
             undo.push_async_callback(self._audit.stop)
-            own = await self._own_certificate()
             self.jobs = JobEngine(
                 self.library,
                 settings,
@@ -185,6 +190,7 @@ class SkillServerApp:
             self.server.iserver.on_session_closed.append(self._session_closed)
             await self.server.start(port)
             undo.pop_all()
+        self._sharing.start()
         self._health.start()
         self.watchdog.start()
         self._standing.start()
@@ -204,6 +210,12 @@ class SkillServerApp:
             APPLICATION_NAME,
             names,
         )
+
+    async def _take_workstations(self, installation: str) -> None:
+        """Have the workstations for this server alone, where the library is shared; raises ServedElsewhere."""
+        if self.library.shared:
+            names = [one.name for one in self.settings.workstations]
+            await self.library.serve_as(server_of(self.settings, installation), names, LEASE_SECONDS)
 
     async def _build(self, own: ApplicationCertificate) -> None:
         """Make the server and its address space, all but the workstations."""
@@ -233,6 +245,8 @@ class SkillServerApp:
         await add_types(self._tree)
         await add_namespaces(self._tree)
         self._tidings = EventPublisher(self._tree)
+        names = [one.name for one in settings.workstations]
+        self._sharing = Sharing(self.library, names, self._tidings, self._look_anew, self._show_leases)
         methods = LibraryMethods(self.library, self.jobs, settings, self._tidings)
         self._methods = methods
         largest = self.server.stack_limits.largest_message
@@ -262,6 +276,7 @@ class SkillServerApp:
         await self.server.stop()
         self._authenticator.close()
         await self._audit.stop()
+        await self._sharing.stop()
         await self.library.close()
         self._lock.release()
         self._logs.stop()
@@ -397,7 +412,29 @@ class SkillServerApp:
             await face.skills.job_changed(report)
         await self._tidings.job_changed(report)
 
+    async def _look_anew(self, workstation: str) -> None:
+        """Show what is deployed on a workstation as it is in the library, however it came there."""
+        skills, there = self._faces[workstation].skills, {}
+        for description in await self.library.deployments(workstation):
+            there[description.name] = description.version
+            if skills.shown.get(description.name) != description.version:
+                await self._tidings.deployment_changed(description, workstation, True, "another server")
+        for name, version in list(skills.shown.items()):
+            if name not in there:
+                description = await self.library.description(name, version)
+                await self._tidings.deployment_changed(description, workstation, False, "another server")
+
+    async def _show_leases(self, leases: Sequence[Lease]) -> None:
+        for name, values in (
+            ("LeasedWorkstations", [one.workstation for one in leases]),
+            ("LeasedBy", [one.endpoint for one in leases]),
+        ):
+            if self._tree.value(f"SkillLibrary/{name}") != values:
+                await self._tree.write(f"SkillLibrary/{name}", texts(values))
+
     async def _deployment_changed(self, description: SkillDescription, workstation: str, there: bool) -> None:
+        if workstation not in self._faces:
+            return
         skills = self._faces[workstation].skills
         if there:
             await skills.show(description)
@@ -430,6 +467,7 @@ class SkillServerApp:
         waiting = [name for name, face in self._faces.items() if not ready_to_move(face.station.arm.state())]
         faults = (
             *self._health.told,
+            *self._sharing.faults,
             *(Fault(FaultKind.ARM_WAITING, f"{name} waits for a reset") for name in waiting),
         )
         if faults == self._faults:

@@ -59,8 +59,9 @@ class EventPublisher:
         for listener in self.on_deployment:
             await listener(description, workstation, there)
         verb = "deployed on" if there else "withdrawn from"
+        path = f"Machines/{workstation}"
         await self._raise(
-            f"Machines/{workstation}",
+            path if self._tree.has(path) else "SkillLibrary",  # of another server that shares the library
             "DeploymentEventType",
             f"{description.name} version {description.version} {verb} {workstation} by {actor}",
             300,

@@ -30,6 +30,7 @@ class FaultKind(StrEnum):
     DISK_FULL = "DiskFull"
     TRACES_LOST = "TracesLost"
     RECORDS_DROPPED = "RecordsDropped"
+    SERVED_ELSEWHERE = "ServedElsewhere"
     ARM_WAITING = "ArmWaiting"
 
 

@@ -52,7 +52,9 @@ _JOINTS = ("JointPositionMinimum", "JointPositionMaximum", "JointVelocityMaximum
 _JOINT_UNITS = joint_units([False])
 MEMBERS: dict[str, tuple[Member, ...]] = {
     "SkillLibraryType": (
-        *_properties(_T.String, "Presets", "Faults", "FaultKinds", "Insecure", array=True),
+        *_properties(
+            _T.String, "Presets", "Faults", "FaultKinds", "Insecure", "LeasedWorkstations", "LeasedBy", array=True
+        ),
         *_properties(_T.Boolean, "FourEyes"),
         *_properties(_T.UInt32, "Holds"),
         Member("LongestHold", _T.Double, "how long the event loop was held longest", unit=SECOND),

@@ -15,6 +15,7 @@ from library.errors import (
     NotAllowedInState,
     NotFound,
     OwnVersion,
+    ServedElsewhere,
     Trouble,
 )
 from library.turns import waiting_at_most
@@ -32,6 +33,7 @@ CODES: dict[type[Exception], int] = {
     DigestDiffers: Code.BadInvalidState,
     InUse: Code.BadInvalidState,
     AlreadyExists: Code.BadInvalidState,
+    ServedElsewhere: Code.BadInvalidState,
     OwnVersion: Code.BadUserAccessDenied,
     NotExecutable: Code.BadNotExecutable,
     ArmNotReady: Code.BadInvalidState,

@@ -112,7 +112,9 @@ async def test_an_older_library_is_brought_up_to_date_by_its_owner_alone(cluster
     async with await SkillLibrary.open(cluster.url(name)) as library:
         await library.audit(AuditEntry(actor="erik", action="Approve"))
     set_to = "UPDATE alembic_version SET version_num = "
-    await cluster.execute(name, "DROP TABLE stations, job_orders", set_to + "'0003'")
+    await cluster.execute(
+        name, "DROP TABLE stations, job_orders, leases", "ALTER TABLE jobs DROP server", set_to + "'0003'"
+    )
     await cluster.execute(name, "DROP TRIGGER versions_no_update_of_people ON versions")
     await cluster.execute(name, "ALTER TABLE versions DROP contributors, DROP approvals_needed")
     with pytest.raises(LibraryUnusable, match=r"an older version \(revision 0003\): have the owner .* prepare"):

@@ -212,6 +212,9 @@ async def add_library(
     measured(tree, f"{PATH}/LongestHold", library, number(0.0), SECOND, (0.0, LONGEST_HOLD), description=meaning)
     tree.property(f"{PATH}/Holds", library, count(0), description="how often it was held for more than 20 ms")
     tree.property(f"{PATH}/FaultKinds", library, texts(()), description="the same, in one word each")
+    leased = "workstations of all servers that share the library; empty: it is not shared"
+    tree.property(f"{PATH}/LeasedWorkstations", library, texts(()), description=leased)
+    tree.property(f"{PATH}/LeasedBy", library, texts(()), description="the address of the server that has each")
     asked = ua.Variant(four_eyes, ua.VariantType.Boolean)
     tree.property(f"{PATH}/FourEyes", library, asked, description="who taught a version cannot approve it")
     tree.property(f"{PATH}/Insecure", library, texts(insecure), description="what the configuration weakens, in words")

@@ -55,6 +55,7 @@ class SkillNodes:
         self._root = f"Machines/{workstation}/Skills"
         self._nodes: dict[str, list[ua.NodeId]] = {}
         self._states: dict[str, tuple[int, str]] = {}
+        self.shown: dict[str, int] = {}
 
     def path(self, skill_name: str) -> str:
         """Return the path of a skill's object."""
@@ -100,6 +101,7 @@ class SkillNodes:
         self._add_program_members(add, description)
         self._nodes[description.name] = added
         self._states[description.name] = READY
+        self.shown[description.name] = description.version
         await make_notifier(tree.server.get_node(root), tree.server.get_node(tree.id(f"Machines/{self._workstation}")))
 
     def _add_program_members(self, add: Any, description: SkillDescription) -> None:
@@ -122,6 +124,7 @@ class SkillNodes:
         """Take a skill's nodes away."""
         nodes = self._nodes.pop(skill_name, [])
         self._states.pop(skill_name, None)
+        self.shown.pop(skill_name, None)
         await self._tree.delete(list(reversed(nodes)))
 
     async def job_changed(self, report: JobReport) -> None:
