@@ -150,8 +150,10 @@ class Plant:
         secret = hash_password(PASSWORD)
         library = await SkillLibrary.open(self.library or str(self.database))
         try:
+            there = {user.name for user in await library.users()}  # of another server that shares the library
             for name, role in USERS.items():
-                await library.add_user(name, role, secret)
+                if name not in there:
+                    await library.add_user(name, role, secret)
         finally:
             await library.close()
 
