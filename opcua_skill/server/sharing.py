@@ -68,9 +68,7 @@ class Sharing:
     def faults(self) -> tuple[Fault, ...]:
         """The workstations that another server has taken, in words."""
         return tuple(
-            Fault(
-                FaultKind.SERVED_ELSEWHERE, f"{one.workstation} is served by {one.endpoint} by now: nothing runs here"
-            )
+            Fault(FaultKind.SERVED_ELSEWHERE, f"{one.workstation} is served by {one.endpoint} by now")
             for one in self._lost
         )
 
