@@ -10,10 +10,12 @@ from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 
 from library import tables
-from library.errors import LibraryError, LibraryUnusable, NotAllowedInState, Trouble
+from library.errors import LibraryError, LibraryUnusable, NotAllowedInState, ServedElsewhere, Trouble
 from library.postgresql.transactions import WRITERS_LOCK
 from library.preparing import prepare
 from library.queries import audit as audit_rows
+from library.queries.leases import Server
+from library.queries.news import News
 from library.records import AuditEntry, JobReport, JobTrace
 from library.store import SkillLibrary
 from library.turns import waiting_at_most
@@ -176,6 +178,54 @@ async def test_two_who_approve_at_once_are_one_winner_and_one_exact_refusal(
             assert len((await other.description(f"skill {turn}")).decisions) == 1
         versions = await asyncio.gather(*(teach(one, "same") for one in (shared, other, shared, other)))
         assert sorted(one.version for one in versions) == [1, 2, 3, 4]
+
+
+async def test_a_workstation_is_one_server_s_until_its_lease_has_run_out(
+    cluster: Cluster, database: str, shared: SkillLibrary, teach: Any
+) -> None:
+    one, two = Server("one", "opc.tcp://one"), Server("two", "opc.tcp://two")
+    await teach(shared)
+    await shared.serve_as(one, ("ws1",), 60.0)
+    await shared.add_job(JobReport(job_id="run", kind="Execution", workstation="ws1"))
+    await shared.add_job(JobReport(job_id="learn", kind="Learning"))
+    async with await SkillLibrary.open(cluster.url(database)) as other:
+        with pytest.raises(ServedElsewhere, match=r"ws1 is served by opc\.tcp://one"):
+            await other.serve_as(two, ("ws2", "ws1"), 60.0)
+        assert [lease.workstation for lease in await other.leases()] == ["ws1"], "all of them or none"
+        await other.serve_as(two, ("ws2",), 60.0)
+        assert await other.interrupt_unfinished() == [], "others work on theirs"
+        await shared.renew_leases(0.0)
+        await other.serve_as(two, ("ws2", "ws1"), 60.0)
+        assert [report.job_id for report in await other.interrupt_unfinished()] == ["run"]
+        [lost] = await shared.renew_leases(60.0)
+        assert (lost.workstation, lost.endpoint) == ("ws1", "opc.tcp://two")
+        for refused in (
+            shared.add_job(JobReport(job_id="late", kind="Execution", workstation="ws1")),
+            shared.deploy("glue", 1, "ws1", "erik"),
+            shared.check_lease("ws1"),
+        ):
+            with pytest.raises(ServedElsewhere):
+                await refused
+        await other.give_back_leases()
+        assert await shared.renew_leases(60.0) == []
+    await shared.give_back_leases()
+    assert await shared.leases() == []
+
+
+async def test_what_is_not_committed_is_told_to_nobody(
+    cluster: Cluster, database: str, shared: SkillLibrary, teach: Any
+) -> None:
+    heard: asyncio.Queue[News | None] = asyncio.Queue()
+    async with await SkillLibrary.open(cluster.url(database)) as other:
+        other.listen(heard.put_nowait)
+        async with asyncio.timeout(60):
+            assert await heard.get() is None, "a new connection: something may have been missed"
+            stored = await teach(shared)
+            with pytest.raises(LibraryError):
+                await shared.deploy("glue", 1, "ws1", "erik")
+            await shared.approve("glue", 1, bytes.fromhex(stored.model_digest), "erik")
+            told = [await heard.get(), await heard.get()]
+    assert told == [News("version", "glue", 1, actor="tina"), News("version", "glue", 1, actor="erik")]
 
 
 async def test_a_caller_whose_turn_does_not_come_is_told_and_leaves_nothing(

@@ -180,6 +180,19 @@ async def test_a_server_that_was_killed_has_its_workstation_again_at_once_and_le
     assert report.state == "Completed"
 
 
+async def test_a_server_can_be_stopped_while_the_database_is_away_and_is_served_again_after_it(
+    two: Two, cluster: postgres.Cluster
+) -> None:
+    await asyncio.to_thread(cluster.stop)
+    try:
+        await asyncio.to_thread(two.right.stop)
+    finally:
+        await asyncio.to_thread(cluster.start)
+    await asyncio.to_thread(two.right.start)
+    async with two.right.sign_in("engineer") as engineer:
+        assert (await engineer.skill("corner")).state == "Approved"
+
+
 async def _has(client: SkillClient, kind: str, wanted: bool) -> bool:
     return (kind in await faults(client)) is wanted
 
