@@ -5,9 +5,10 @@ import logging
 from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from typing import TypeVar
 
 from library.description import Failure, JobReport, JobState, Recipe, SkillDescription
-from library.errors import NotFound
+from library.errors import LibraryUnusable, NotAllowedInState, NotFound, Trouble
 from library.store import SkillLibrary
 from library.turns import BUSY_SECONDS, waiting_at_most
 from models.demonstration import Demonstration, Edits
@@ -22,6 +23,9 @@ from opcua_skill.jobs.worker_tasks import LearningRefused, learn_skill, ready
 
 _log = logging.getLogger(__name__)
 
+ASK_AGAIN = 0.5
+"""s after which a library whose database server is away is asked again."""
+Answer = TypeVar("Answer")
 Tell = Callable[[JobReport], Awaitable[None]]
 TellVersion = Callable[[SkillDescription, str, str], Awaitable[None]]
 
@@ -153,7 +157,20 @@ class LearningJobs:
         return Previous(before.version, before.motion(), mean_repeatability(before.report))
 
     async def _store(self, job_id: str, request: LearningRequest, learned: LearnedMotion) -> LearningOutcome:
-        description = await self._library.add_version(
+        try:
+            description = await _once_reachable(lambda: self._add_version(job_id, request, learned))
+        except NotAllowedInState:  # its answer was lost and it was tried again, or the job has been ended meanwhile
+            stored = await self._library.job(job_id)
+            if stored.state is not JobState.COMPLETED:
+                raise
+            description = await self._library.description(request.skill_name, stored.skill_version)
+        report = await _once_reachable(lambda: self._library.job(job_id))
+        await self._tell(report)
+        await self._tell_version(description, request.actor, request.comment)
+        return LearningOutcome(report, learned, description)
+
+    async def _add_version(self, job_id: str, request: LearningRequest, learned: LearnedMotion) -> SkillDescription:
+        return await self._library.add_version(
             name=request.skill_name,
             semantic_type=request.semantic_type,
             required_atomic_skills=request.required_atomic_skills,
@@ -168,16 +185,24 @@ class LearningJobs:
             default_recipe=self._start_recipe(request.skill_name),
             brought_by=request.brought_by,
         )
-        report = await self._library.job(job_id)
-        await self._tell(report)
-        await self._tell_version(description, request.actor, request.comment)
-        return LearningOutcome(report, learned, description)
 
     async def _end(self, job_id: str, failure: Failure, message: str) -> None:
         report = await self._library.move_job(
             job_id, JobState.FAILED, failure=failure, message=message[:4000], end_time=datetime.now(UTC)
         )
         await self._tell(report)
+
+
+async def _once_reachable(ask: Callable[[], Awaitable[Answer]]) -> Answer:
+    """Return the library's answer, which may wait for its database server: what was learned must not be lost to it."""
+    while True:
+        try:
+            return await ask()
+        except LibraryUnusable as unusable:
+            if unusable.trouble is not Trouble.UNREACHABLE:
+                raise
+            _log.warning("what was learned is not stored yet: %s", unusable)
+            await asyncio.sleep(ASK_AGAIN)
 
 
 def _log_unexpected(task: asyncio.Task[LearningOutcome]) -> None:

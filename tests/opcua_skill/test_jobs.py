@@ -4,12 +4,14 @@ import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 from scripted_arm import ScriptedArm
 from small_corner import small_corner
 
 from library.description import Cause, Failure, JobReport, JobState, Recipe, SkillDescription
+from library.errors import LibraryUnusable, Trouble
 from library.store import SkillLibrary
 from models.demonstration import Edits
 from models.options import LearningOptions
@@ -106,6 +108,28 @@ async def test_a_learned_version_is_told_after_its_job(plant: Plant) -> None:
     description = await plant.learned()
     assert [report.state for report in plant.told] == [JobState.RUNNING, JobState.COMPLETED]
     assert plant.told[-1].skill_version == description.version == 1
+    assert plant.versions == [description]
+
+
+@pytest.mark.parametrize("stored", [False, True], ids=["nothing stored", "stored, and the answer lost"])
+async def test_what_was_learned_waits_for_a_database_server_that_is_away(
+    plant: Plant, stored: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    add, asked = plant.library.add_version, 0
+
+    async def away(**given: Any) -> SkillDescription:
+        nonlocal asked
+        asked += 1
+        if asked > 1:
+            return await add(**given)
+        if stored:
+            await add(**given)
+        raise LibraryUnusable("db", "connection refused", "start it", Trouble.UNREACHABLE)
+
+    monkeypatch.setattr(plant.library, "add_version", away)
+    description = await plant.learned()
+    assert asked == 2
+    assert [one.version for one in await plant.library.versions("glue")] == [description.version] == [1]
     assert plant.versions == [description]
 
 
