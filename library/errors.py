@@ -17,7 +17,12 @@ class Trouble(Enum):
     FORBIDDEN = auto()
     DISK = auto()
     UNREACHABLE = auto()
+    OUTCOME_UNKNOWN = auto()
     OTHER = auto()
+
+
+AWAY = (Trouble.UNREACHABLE, Trouble.OUTCOME_UNKNOWN)
+"""What passes when a database server is there again: whoever can wait, waits."""
 
 
 class LibraryError(SkillError):

@@ -174,7 +174,7 @@ class PostgresTransactions:
             await asyncio.sleep(0.1)
         remedy = "look up what is there before trying again"
         raise LibraryUnusable(
-            self._where, "the connection broke while it was stored, maybe it is", remedy, Trouble.UNREACHABLE
+            self._where, "the connection broke while it was stored, maybe it is", remedy, Trouble.OUTCOME_UNKNOWN
         ) from error
 
 

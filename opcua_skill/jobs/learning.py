@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 from typing import TypeVar
 
 from library.description import Failure, JobReport, JobState, Recipe, SkillDescription
-from library.errors import LibraryUnusable, NotAllowedInState, NotFound, Trouble
+from library.errors import AWAY, LibraryUnusable, NotAllowedInState, NotFound
 from library.store import SkillLibrary
 from library.turns import BUSY_SECONDS, waiting_at_most
 from models.demonstration import Demonstration, Edits
@@ -199,7 +199,7 @@ async def _once_reachable(ask: Callable[[], Awaitable[Answer]]) -> Answer:
         try:
             return await ask()
         except LibraryUnusable as unusable:
-            if unusable.trouble is not Trouble.UNREACHABLE:
+            if unusable.trouble not in AWAY:
                 raise
             _log.warning("what was learned is not stored yet: %s", unusable)
             await asyncio.sleep(ASK_AGAIN)

@@ -45,6 +45,7 @@ class Fault:
 _TROUBLES = {
     Trouble.LOCKED: Fault(FaultKind.LIBRARY_LOCKED, "another program holds the library's database locked"),
     Trouble.UNREACHABLE: Fault(FaultKind.LIBRARY_UNREACHABLE, "the library's database server cannot be reached"),
+    Trouble.OUTCOME_UNKNOWN: Fault(FaultKind.LIBRARY_UNREACHABLE, "the library's database server cannot be reached"),
     Trouble.FULL: Fault(FaultKind.DISK_FULL, "the library cannot be written: its disk is full"),
 }
 

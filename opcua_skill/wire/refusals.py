@@ -52,6 +52,10 @@ UNUSABLE: dict[Trouble, tuple[int, str]] = {
         Code.BadResourceUnavailable,
         "the library's database server cannot be reached: nothing was stored, try again when it is there again",
     ),
+    Trouble.OUTCOME_UNKNOWN: (
+        Code.BadCommunicationError,
+        "the library's database server went away while it was stored, maybe it is: look before trying again",
+    ),
     Trouble.FULL: (
         Code.BadResourceUnavailable,
         "the library's disk is full: nothing was stored, free space on it and try again",

@@ -268,6 +268,10 @@ async def test_a_commit_whose_answer_is_lost_is_told_as_what_it_was(
     assert await run(True) is True
     assert await run(False) is False
     assert len(await shared.audit_trail()) == 1
+    unknown = transactions._was_committed("99999999", ConnectionResetError())
+    with pytest.raises(LibraryUnusable, match="maybe it is") as caught:
+        await asyncio.wrap_future(asyncio.run_coroutine_threadsafe(unknown, transactions._loop))
+    assert caught.value.trouble is Trouble.OUTCOME_UNKNOWN
 
 
 async def test_a_library_outlives_its_server_being_stopped_killed_and_started(teach: Any) -> None:

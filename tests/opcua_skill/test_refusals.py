@@ -17,9 +17,12 @@ import pytest_asyncio
 from asyncua import ua
 from small_corner import small_corner
 
+from library.errors import LibraryUnusable, Trouble
 from models.demonstration import Demonstration
 from opcua_skill.client import LearningOptions, Recipe, Refused, Session, SkillClient
+from opcua_skill.stack.services import calls
 from opcua_skill.wire import to_server
+from opcua_skill.wire.refusals import refusing
 
 if TYPE_CHECKING:
     from tests.conftest import Plant
@@ -429,3 +432,15 @@ async def test_one_bad_demonstration_among_good_ones_is_left_out_with_a_code_of_
     learned = await people["teacher"].learn("with-a-hole", [PEOPLE[0], holes, *PEOPLE[2:]], semantic_type="Gluing")
     assert learned.results[1].startswith("Bad")
     assert all(name == "Good" for name in (*learned.results[:1], *learned.results[2:]))
+
+
+@pytest.mark.parametrize(
+    ("trouble", "stored"), [(Trouble.UNREACHABLE, "nothing was stored"), (Trouble.OUTCOME_UNKNOWN, "maybe it is")]
+)
+async def test_nobody_is_told_that_nothing_was_stored_who_cannot_know(trouble: Trouble, stored: str) -> None:
+    @refusing()
+    async def method() -> None:
+        raise LibraryUnusable("plant", "the connection broke", "look", trouble)
+
+    with pytest.raises(calls.Refused, match=stored):
+        await method()

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from library.description import Cause, Failure, JobReport, JobState
-from library.errors import LibraryUnusable, Trouble
+from library.errors import AWAY, LibraryUnusable
 from library.lifecycle import FINAL_JOB_STATES
 from library.records import JobTrace
 from library.store import SkillLibrary
@@ -109,7 +109,7 @@ class Endings:
                     await self._write_state(job_id, end, stored, progress(), fields or {})
                 return
             except LibraryUnusable as unusable:
-                if unusable.trouble is Trouble.UNREACHABLE:
+                if unusable.trouble in AWAY:
                     tries -= 1  # nothing is wrong with the trace: it waits as long as the database server is away
                 _log.warning("the end of job %s is not written yet: %s", job_id, unusable)
                 if self._closing.is_set():
