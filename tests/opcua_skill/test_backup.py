@@ -54,6 +54,9 @@ async def story_and_backup(plant: "Plant", folder: Path) -> tuple[list[str], lis
         await engineer.approve("corner", 1, skill.model_digest)
         await engineer.deploy("corner", 1, "ws1")
         await run(teacher)
+        async with asyncio.timeout(LIMIT):  # files of a trace are written after the job's end
+            while not {".csv", ".json", ".parquet"} <= {one.suffix for one in (plant.data / "traces").glob("run-*")}:
+                await asyncio.sleep(0.05)
         recipe = (await engineer.recipes("corner"))[0]
         writing = asyncio.create_task(write_recipes(engineer, recipe, written))
         while len(written) < 3:

@@ -267,7 +267,7 @@ async def test_a_stopped_motion_needs_no_reset_and_says_that_it_was_stopped(benc
     assert (bench.queue.status.because, bench.queue.status.by) == (Cause.STOPPED, "olga")
     assert not bench.arm.state().protective_stop
     await bench.release()
-    await bench.state("two", JobState.RUNNING)
+    await bench.state("two", JobState.RUNNING, JobState.COMPLETED)
 
 
 @pytest.mark.parametrize("begun", [True, False])
