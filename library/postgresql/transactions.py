@@ -99,7 +99,8 @@ class PostgresTransactions:
             while not gone.is_set():
                 await found.fetchval("SELECT 1", timeout=CONNECT_SECONDS)
                 with contextlib.suppress(TimeoutError):
-                    await asyncio.wait_for(gone.wait(), ALIVE_EVERY)
+                    async with asyncio.timeout(ALIVE_EVERY):
+                        await gone.wait()
         finally:
             await connection.invalidate()
 

@@ -101,7 +101,8 @@ class AuditReasons:
 
         async with self._news:
             with contextlib.suppress(TimeoutError):
-                await asyncio.wait_for(self._news.wait_for(lambda: found() is not None), WAIT)
+                async with asyncio.timeout(WAIT):
+                    await self._news.wait_for(lambda: found() is not None)
             mine = found()
             if mine is None:
                 return ""

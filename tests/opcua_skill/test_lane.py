@@ -638,3 +638,25 @@ async def test_a_fresh_arm_is_opened_and_closed_for_every_job(tmp_path: Path) ->
     await made.lane.stop()
     await library.close()
     assert (made.arm.opened, made.arm.closed) == (2, 2)
+
+
+@pytest.mark.parametrize("turns", range(12))
+async def test_a_queue_ends_though_it_is_stopped_in_the_moment_in_which_its_state_is_written(turns: int) -> None:
+    class Instant:
+        async def change_station(self, *_: Any, **__: Any) -> None:
+            for _ in range(3):
+                await asyncio.sleep(0)
+
+    async def tell(*_: Any) -> None:
+        await asyncio.sleep(0)
+
+    queue = ArmQueue("ws1", Instant(), tell)  # type: ignore[arg-type]
+    queue.start()
+    for _ in range(3):
+        await asyncio.sleep(0)
+    queue.hold(Cause.REQUESTED, "olga")
+    for _ in range(turns):
+        await asyncio.sleep(0)
+    ending = asyncio.create_task(queue.stop())
+    done, _ = await asyncio.wait({ending}, timeout=LIMIT)
+    assert done, "a keeper went on after it was told to end"

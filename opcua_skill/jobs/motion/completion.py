@@ -115,7 +115,8 @@ class Endings:
                 if self._closing.is_set():
                     return
                 with contextlib.suppress(TimeoutError):
-                    await asyncio.wait_for(self._closing.wait(), pause)
+                    async with asyncio.timeout(pause):
+                        await self._closing.wait()
                 pause = min(2.0 * pause, WRITE_AGAIN_AT_MOST)
 
     async def _save(self, job_id: str, trace: Trace) -> None:

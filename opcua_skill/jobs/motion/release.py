@@ -132,7 +132,9 @@ class ArmQueue:
     async def written(self, patience: float | None = None) -> bool:
         """Wait until the state has reached the disk, but not for long: ``patience`` s; return whether it has."""
         try:
-            await asyncio.wait_for(self._written.wait(), PATIENCE if patience is None else patience)
+            # Not wait_for: in Python 3.11 that loses a cancellation that comes with what it waits for.
+            async with asyncio.timeout(PATIENCE if patience is None else patience):
+                await self._written.wait()
         except TimeoutError:
             return False
         return True

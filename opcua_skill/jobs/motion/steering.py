@@ -122,7 +122,8 @@ class Steering:
             except (ArmError, OSError) as fault:
                 _log.error("stopping job %s: %s", run.order.job_id, fault)
             try:
-                await asyncio.wait_for(run.over.wait(), STOP_AGAIN)
+                async with asyncio.timeout(STOP_AGAIN):
+                    await run.over.wait()
             except TimeoutError:
                 continue
 
